@@ -1,0 +1,43 @@
+"""The Lyapunov certificate that a tree of geometric dynamical systems carries."""
+
+from typing import NamedTuple
+
+import jax
+
+from ._forms import Method
+from ._tree import Node, acceleration
+
+
+class Certificate(NamedTuple):
+    """Energy `V`, its rate of change under the resolved policy `dV_dt`, and the tree's `dissipation`, all scalars.
+
+    `dV_dt = -dissipation <= 0` wherever the root metric is invertible and every leaf is certified; `residual`, the
+    distance from that law relative to `1 + |V|`, is then rounding.
+    """
+
+    energy: jax.Array
+    dV_dt: jax.Array
+    dissipation: jax.Array
+
+    @property
+    def residual(self) -> jax.Array:
+        return abs(self.dV_dt + self.dissipation) / (1 + abs(self.energy))
+
+
+def certificate(tree: Node, x: jax.Array, xd: jax.Array, method: Method = "cholesky") -> Certificate:
+    """Evaluate the certificate of a tree at one state.
+
+    **Arguments**: `tree`, a node; `x` and `xd` [n], a state of its space; `method`, how the acceleration is resolved.
+    **Returns** a `Certificate`. `dV_dt` is the derivative of the energy along the motion `(xd, xdd)`, taken by
+    autodiff, not assumed. It proves stability only if `uncertified_leaves(tree)` is empty.
+
+    RMPflow (Cheng et al. 2018), theorem 2.
+    """
+    xdd = acceleration(tree, x, xd, method)
+    energy, dV_dt = jax.jvp(tree.energy, (x, xd), (xd, xdd))
+    return Certificate(energy, dV_dt, tree.dissipation(x, xd))
+
+
+def uncertified_leaves(tree: Node) -> tuple[str, ...]:
+    """Names of the leaves that are not geometric dynamical systems and so void the tree's certificate."""
+    return tuple(leaf.name for leaf in tree.leaves() if not leaf.certified)

@@ -1,0 +1,70 @@
+"""What can go wrong, as types. Every message names the argument, shows what was received and says what to do."""
+
+import difflib
+from collections.abc import Iterable
+
+
+class JaxrmpError(Exception):
+    """Base of every error that jaxrmp raises on purpose."""
+
+
+class ShapeError(JaxrmpError, ValueError):
+    """An array has a shape that the operation cannot take."""
+
+
+class UnknownNameError(JaxrmpError, ValueError):
+    """A name (frame, joint, option, configuration key) is not one of the valid ones."""
+
+    def __init__(self, kind: str, name: object, valid: Iterable[object], hint: str = ""):
+        options = [str(v) for v in valid]
+        close = difflib.get_close_matches(str(name), options, n=1, cutoff=0.5)
+        message = f"unknown {kind} {str(name)!r}."
+        if close:
+            message += f" Did you mean {close[0]!r}?"
+        shown = ", ".join(options[:40]) + (", ..." if len(options) > 40 else "")
+        message += f" Valid: {shown or 'none'}."
+        super().__init__(message + (f" {hint}" if hint else ""))
+        self.kind, self.name, self.valid = kind, name, tuple(options)
+
+
+class RobotError(JaxrmpError, ValueError):
+    """A robot description cannot be read, or holds something that jaxrmp's kinematics cannot express."""
+
+
+class RigidTransformError(JaxrmpError, ValueError):
+    """A pose is not a rigid transform."""
+
+
+class DemonstrationError(JaxrmpError, ValueError):
+    """Demonstrations are missing, unreadable, or unfit for learning."""
+
+
+class ConfigurationError(JaxrmpError, ValueError):
+    """A configuration file is missing, unreadable, or holds a value that is not allowed."""
+
+
+class ConvexProgramError(JaxrmpError, RuntimeError):
+    """The convex program of the potential was not solved to optimality."""
+
+
+class TrainingError(JaxrmpError, RuntimeError):
+    """Training of the metric diverged."""
+
+
+class BasinError(JaxrmpError, RuntimeError):
+    """No kernel width gives a potential whose descent ends at the goal from everywhere in the region checked."""
+
+
+class SkillFileError(JaxrmpError, ValueError):
+    """A skill file is missing, damaged, of another version, or made for another robot."""
+
+
+class RolloutError(JaxrmpError, RuntimeError):
+    """A rollout produced non-finite states."""
+
+
+class MissingDependencyError(JaxrmpError, ImportError):
+    """An optional package is needed for this and is not installed."""
+
+    def __init__(self, package: str, extra: str):
+        super().__init__(f"{package} is needed for this and is not installed: pip install 'jaxrmp[{extra}]'.")

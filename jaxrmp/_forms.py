@@ -1,0 +1,82 @@
+"""The two forms of a Riemannian motion policy, and the step from one to the other.
+
+An RMP on an m-dimensional space is an acceleration policy with a metric that is its state-dependent importance:
+canonical form (a, M), natural form [f, M] with `f = M a`. Natural forms add; accelerations do not, so the canonical
+form has no `+`. RMPflow (Cheng et al. 2018), section 3.1.
+"""
+
+from typing import Literal, get_args
+
+import jax
+import jax.numpy as jnp
+
+from ._errors import ShapeError, UnknownNameError
+from ._linalg import cholesky_solve, lu_solve
+from ._pytree import pytree
+
+Method = Literal["cholesky", "pinv", "lu"]
+
+
+@pytree
+class NaturalForm:
+    """Force and metric of a policy: `f = M a`.
+
+    `f` [m], in units of energy per unit of x, and `M` [m, m]. Over K points the form is block diagonal: `f` [K, m],
+    `M` [K, m, m].
+    """
+
+    f: jax.Array
+    M: jax.Array
+
+    def __add__(self, other: "NaturalForm") -> "NaturalForm":
+        if not isinstance(other, NaturalForm):
+            return NotImplemented
+        if jnp.shape(self.f) != jnp.shape(other.f):
+            raise ShapeError(
+                f"forms of {jnp.shape(self.f)} and {jnp.shape(other.f)} do not live in the same space. Pull both back "
+                "to a common space before you add them."
+            )
+        return NaturalForm(self.f + other.f, self.M + other.M)
+
+
+@pytree
+class CanonicalForm:
+    """Acceleration and metric of a policy: `a` [m], units of x per second squared, and `M` [m, m]."""
+
+    a: jax.Array
+    M: jax.Array
+
+
+def natural(form: CanonicalForm) -> NaturalForm:
+    """The natural form of a policy given by its acceleration: `f = M a`."""
+    return NaturalForm(jnp.einsum("...ij,...j->...i", form.M, form.a), form.M)
+
+
+def canonical(form: NaturalForm, method: Method = "cholesky") -> CanonicalForm:
+    """The canonical form of a policy given by its force: `a = M^-1 f`, by `resolve`."""
+    return CanonicalForm(resolve(form, method), form.M)
+
+
+def resolve(form: NaturalForm, method: Method = "cholesky") -> jax.Array:
+    """The acceleration that a policy in natural form asks for: `a = M^+ f`.
+
+    **Arguments**: `form`, usually the root's; `method`:
+
+    - `"cholesky"`, for run time: `M` symmetric and positive definite. Nothing is added to it: where it is singular
+      the result is NaN or infinite, and the cure is a leaf that gives every direction some metric, such as a small
+      `JointDamping`.
+    - `"pinv"`, as in the paper: the pseudo-inverse, least acceleration where `M` is singular. Slower; it calls LAPACK.
+    - `"lu"`, for the unsymmetric metrics of systems of more than one dimension whose metric depends on velocity.
+
+    **Returns** the acceleration, the shape of `form.f`, units of x per second squared.
+    **Raises** `UnknownNameError` for another method.
+
+    RMPflow (Cheng et al. 2018), section 3.2.
+    """
+    if method == "cholesky":
+        return cholesky_solve(form.M, form.f)
+    if method == "pinv":
+        return jnp.einsum("...ij,...j->...i", jnp.linalg.pinv(form.M), form.f)
+    if method == "lu":
+        return lu_solve(form.M, form.f)
+    raise UnknownNameError("method", method, get_args(Method))

@@ -1,0 +1,86 @@
+"""Small dense linear algebra, written out for XLA.
+
+jaxlib's batched LAPACK calls can deadlock on a CPU when one program holds several of them (seen with jax 0.10), and
+for the sizes of a policy, 1 to about 32, they are slower than straight-line code that XLA fuses. So every
+factorisation on a policy's path is here. The last axes hold the matrix; any leading axes are batch.
+"""
+
+import jax
+import jax.numpy as jnp
+
+from ._errors import ShapeError
+
+_UNROLL = 8  # Up to here every entry is its own scalar, which XLA fuses; above, whole columns keep programs small.
+
+
+def cholesky(A: jax.Array) -> jax.Array:
+    """Lower triangular L [..., n, n] with `L L^T = A`, from the lower triangle of A, symmetric positive definite.
+
+    Where A is not positive definite the result holds NaN.
+    """
+    n = _size(A)
+    return _cholesky_by_entries(A, n) if n <= _UNROLL else _cholesky_by_columns(A, n)
+
+
+def solve_lower(L: jax.Array, b: jax.Array) -> jax.Array:
+    """Solve `L y = b` by forward substitution; L [..., n, n] lower triangular, b [..., n]."""
+    n = _size(L)
+    y: list[jax.Array] = []
+    if n <= _UNROLL:
+        for i in range(n):
+            y.append((b[..., i] - sum(L[..., i, k] * y[k] for k in range(i))) / L[..., i, i])
+    else:
+        for i in range(n):
+            y.append(b[..., i] / L[..., i, i])
+            b = b - L[..., :, i] * y[i][..., None]
+    return jnp.stack(y, axis=-1)
+
+
+def solve_lower_transposed(L: jax.Array, b: jax.Array) -> jax.Array:
+    """Solve `L^T y = b` by back substitution; L [..., n, n] lower triangular, b [..., n]."""
+    return solve_lower(jnp.swapaxes(L, -1, -2)[..., ::-1, ::-1], b[..., ::-1])[..., ::-1]
+
+
+def cholesky_solve(A: jax.Array, b: jax.Array) -> jax.Array:
+    """Solve `A y = b` for A [..., n, n] symmetric positive definite and b [..., n]; NaN where A is not."""
+    L = cholesky(A)
+    return solve_lower_transposed(L, solve_lower(L, b))
+
+
+def lu_solve(A: jax.Array, b: jax.Array) -> jax.Array:
+    """Solve `A y = b` by elimination without pivoting; A [..., n, n], b [..., n].
+
+    Fit for matrices whose symmetric part is positive definite, which need no pivoting.
+    """
+    n = _size(A)
+    for k in range(n - 1):
+        factor = A[..., k + 1 :, k] / A[..., k, k][..., None]
+        b = b.at[..., k + 1 :].add(-factor * b[..., k][..., None])
+        A = A.at[..., k + 1 :, :].add(-factor[..., :, None] * A[..., k, None, :])
+    return solve_lower(A[..., ::-1, ::-1], b[..., ::-1])[..., ::-1]
+
+
+def _size(A: jax.Array) -> int:
+    if A.ndim < 2 or A.shape[-1] != A.shape[-2]:
+        raise ShapeError(f"expected square matrices [..., n, n], received shape {A.shape}.")
+    return A.shape[-1]
+
+
+def _cholesky_by_entries(A, n):
+    zero = jnp.zeros_like(A[..., 0, 0])
+    L = [[zero] * n for _ in range(n)]
+    for j in range(n):
+        L[j][j] = jnp.sqrt(A[..., j, j] - sum(L[j][k] * L[j][k] for k in range(j)))
+        for i in range(j + 1, n):
+            L[i][j] = (A[..., i, j] - sum(L[i][k] * L[j][k] for k in range(j))) / L[j][j]
+    return jnp.stack([jnp.stack(row, axis=-1) for row in L], axis=-2)
+
+
+def _cholesky_by_columns(A, n):
+    columns = []
+    rows = jnp.arange(n)
+    for j in range(n):
+        column = jnp.where(rows >= j, A[..., :, j] / jnp.sqrt(A[..., j, j])[..., None], 0)
+        columns.append(column)
+        A = A - column[..., :, None] * column[..., None, :]
+    return jnp.stack(columns, axis=-1)

@@ -1,0 +1,53 @@
+"""Frozen dataclasses that JAX sees as pytrees.
+
+A field is a parameter (an array, a number, or another pytree) unless it is marked `static()`. Static fields
+become part of the compiled program: they must be hashable, so tuples rather than NumPy arrays.
+"""
+
+import dataclasses
+from typing import Any, TypeVar, dataclass_transform
+
+import jax
+
+T = TypeVar("T")
+
+
+def static(**kwargs: Any) -> Any:
+    """Mark a field of a `pytree` class as structure rather than parameter; takes `dataclasses.field`'s arguments."""
+    return dataclasses.field(metadata={"static": True}, **kwargs)
+
+
+@dataclass_transform(frozen_default=True, eq_default=False, field_specifiers=(static, dataclasses.field))
+def pytree(cls: type[T]) -> type[T]:
+    """Make `cls` a frozen dataclass and register it with JAX.
+
+    Unflattening goes round `__init__`: JAX rebuilds values with placeholders where arrays were, and what
+    `__post_init__` checks about a user's arguments does not hold for those.
+    """
+    cls = dataclasses.dataclass(frozen=True, eq=False)(cls)
+    fields = dataclasses.fields(cls)  # type: ignore[arg-type]
+    parameters = tuple(f.name for f in fields if not f.metadata.get("static"))
+    structure = tuple(f.name for f in fields if f.metadata.get("static"))
+    keys = tuple(jax.tree_util.GetAttrKey(name) for name in parameters)
+
+    def flatten(value):
+        content = value.__dict__
+        return tuple(content[name] for name in parameters), tuple(content[name] for name in structure)
+
+    def flatten_with_keys(value):
+        children, aux = flatten(value)
+        return tuple(zip(keys, children, strict=True)), aux
+
+    def unflatten(aux, children):
+        value = object.__new__(cls)
+        value.__dict__.update(zip(parameters, children, strict=True))
+        value.__dict__.update(zip(structure, aux, strict=True))
+        return value
+
+    jax.tree_util.register_pytree_with_keys(cls, flatten_with_keys, unflatten, flatten)
+    return cls
+
+
+def set_field(value: Any, name: str, content: Any) -> None:
+    """Assign a field of a frozen value; only for use inside its own `__post_init__`."""
+    object.__setattr__(value, name, content)

@@ -1,0 +1,258 @@
+"""Task maps: how coordinates of one space become coordinates of another.
+
+A task map is any function `y = psi(x)`. Its pushforward carries a state along: position, velocity, Jacobian and
+the curvature term `c = Jdot xd`, all in one pass. Autodiff gives it for every function; a map that knows a faster
+way subclasses `TaskMap` and overrides `pushforward`.
+
+Shapes. A space of K points of dimension m has coordinates [K, m]. From a vector [n], the Jacobian is [K, m, n]
+(or [m, n] for one point). A map that takes points to points one by one has the block-diagonal Jacobian [K, m', m].
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ._errors import RigidTransformError, ShapeError
+from ._pytree import pytree, set_field, static
+
+
+class Pushforward(NamedTuple):
+    """A state carried through a task map: `y = psi(x)`, `yd = J xd`, `J = d psi/dx`, `c = Jdot xd`."""
+
+    y: jax.Array
+    yd: jax.Array
+    J: jax.Array
+    c: jax.Array
+
+
+class TaskMap:
+    """A differentiable map between task spaces. Subclasses give `__call__` and may give a faster `pushforward`."""
+
+    def __call__(self, x: jax.Array) -> jax.Array:
+        raise NotImplementedError
+
+    def pushforward(self, x: jax.Array, xd: jax.Array) -> Pushforward:
+        return pushforward_by_autodiff(self, x, xd)
+
+
+def pushforward(task_map: Callable[[jax.Array], jax.Array], x: jax.Array, xd: jax.Array) -> Pushforward:
+    """Carry the state `(x, xd)` through `task_map`.
+
+    **Arguments**: `task_map`, a `TaskMap` or any differentiable function; `x`, coordinates; `xd`, units of x per
+    second, same shape as `x`.
+    **Returns** `(y, yd, J, c)` with `c = Jdot xd`, so that `ydd = J xdd + c`.
+    **Raises** `ShapeError` if a plain function is given coordinates of more than one axis: wrap it in `Pointwise`.
+
+    RMPflow (Cheng et al. 2018), section 3.2.
+    """
+    if isinstance(task_map, TaskMap):
+        return task_map.pushforward(x, xd)
+    return pushforward_by_autodiff(task_map, x, xd)
+
+
+def pushforward_by_autodiff(psi: Callable[[jax.Array], jax.Array], x: jax.Array, xd: jax.Array) -> Pushforward:
+    """The pushforward of any differentiable function of one vector [n], by forward-mode autodiff."""
+    if x.ndim != 1:
+        raise ShapeError(f"x has shape {x.shape}, expected one axis. To map K points one by one, use Pointwise(psi).")
+
+    def velocity(x):
+        return jax.jvp(psi, (x,), (xd,))
+
+    (y, yd), (_, c) = jax.jvp(velocity, (x,), (xd,))
+    return Pushforward(y, yd, jax.jacfwd(psi)(x), c)
+
+
+@pytree
+class Identity(TaskMap):
+    """`y = x`."""
+
+    def __call__(self, x):
+        return x
+
+    def pushforward(self, x, xd):
+        eye = jnp.eye(x.shape[-1], dtype=x.dtype)
+        return Pushforward(x, xd, jnp.broadcast_to(eye, (*x.shape, x.shape[-1])), jnp.zeros_like(x))
+
+
+@pytree
+class Selection(TaskMap):
+    """`y = x[indices]`: some coordinates of a vector, in the order given."""
+
+    indices: tuple[int, ...] = static()
+
+    def __post_init__(self):
+        set_field(self, "indices", tuple(int(i) for i in self.indices))
+
+    def __call__(self, x):
+        return x[np.asarray(self.indices)]
+
+    def pushforward(self, x, xd):
+        rows = np.asarray(self.indices)
+        J = jnp.eye(x.shape[0], dtype=x.dtype)[rows]
+        return Pushforward(x[rows], xd[rows], J, jnp.zeros(rows.shape, x.dtype))
+
+
+@pytree
+class Affine(TaskMap):
+    """`y = A x + b`, with `A` [m, n] and `b` [m]."""
+
+    A: jax.Array
+    b: jax.Array
+
+    def __call__(self, x):
+        return self.A @ x + self.b
+
+    def pushforward(self, x, xd):
+        A = jnp.asarray(self.A, x.dtype)
+        return Pushforward(A @ x + self.b, A @ xd, A, jnp.zeros(A.shape[:1], x.dtype))
+
+
+@pytree
+class RigidTransform(TaskMap):
+    """World points seen from a frame: `y = R^T (p - t)`, for one point [3] or K points [K, 3].
+
+    `T_world_frame` [4, 4] is the frame's pose, a parameter: a tracked object moves without recompilation. Within
+    one evaluation the frame stands still, as in the paper; the certificate speaks of that frozen frame.
+
+    **Raises** `RigidTransformError` when built from numbers that are not a rigid transform.
+    """
+
+    T_world_frame: jax.Array
+
+    def __post_init__(self):
+        if not isinstance(self.T_world_frame, jax.core.Tracer):
+            check_rigid(self.T_world_frame, "T_world_frame")
+        set_field(self, "T_world_frame", jnp.asarray(self.T_world_frame))
+
+    def __call__(self, x):
+        R, t = self._rotation_and_origin(x.dtype)
+        return (x - t) @ R
+
+    def pushforward(self, x, xd):
+        R, t = self._rotation_and_origin(x.dtype)
+        J = jnp.broadcast_to(R.T, (*x.shape[:-1], 3, 3))
+        return Pushforward((x - t) @ R, xd @ R, J, jnp.zeros_like(x))
+
+    def _rotation_and_origin(self, dtype):
+        T = jnp.asarray(self.T_world_frame, dtype)
+        return T[:3, :3], T[:3, 3]
+
+
+@pytree
+class Translation(TaskMap):
+    """`y = x - origin`: moves `origin` (shape of x) to zero. Used to put a subtask's target at the origin."""
+
+    origin: jax.Array
+
+    def __call__(self, x):
+        return x - jnp.asarray(self.origin, x.dtype)
+
+    def pushforward(self, x, xd):
+        eye = jnp.eye(x.shape[-1], dtype=x.dtype)
+        return Pushforward(self(x), xd, jnp.broadcast_to(eye, (*x.shape, x.shape[-1])), jnp.zeros_like(x))
+
+
+@pytree
+class Distance(TaskMap):
+    """Signed distance [1] of a point to a sphere: `y = |x - center| - radius`, in metres.
+
+    At the centre itself, where the direction is undefined, the Jacobian is zero rather than NaN.
+    """
+
+    center: jax.Array
+    radius: jax.Array | float = 0.0
+
+    def __call__(self, x):
+        offset = x - jnp.asarray(self.center, x.dtype)
+        square = jnp.sum(offset * offset)
+        at_center = square == 0
+        # The inner where keeps sqrt away from zero, where its slope is infinite and would turn the zero into NaN.
+        length = jnp.where(at_center, 0.0, jnp.sqrt(jnp.where(at_center, 1.0, square)))
+        return (length - self.radius)[None].astype(x.dtype)
+
+
+@pytree
+class Composition(TaskMap):
+    """`y = maps[-1](... maps[0](x))`: the first map is applied first."""
+
+    maps: tuple[Callable, ...]
+
+    def __call__(self, x):
+        for psi in self.maps:
+            x = psi(x)
+        return x
+
+    def pushforward(self, x, xd):
+        total = pushforward(self.maps[0], x, xd)
+        for psi in self.maps[1:]:
+            step = pushforward(psi, total.y, total.yd)
+            c = step.c + jnp.einsum("...ij,...j->...i", step.J, total.c)
+            total = Pushforward(step.y, step.yd, step.J @ total.J, c)
+        return total
+
+
+@pytree
+class Stack(TaskMap):
+    """The coordinates of several maps of the same vector, one after the other: `y = [psi_1(x), psi_2(x), ...]`."""
+
+    maps: tuple[Callable, ...]
+
+    def __call__(self, x):
+        return jnp.concatenate([psi(x) for psi in self.maps])
+
+    def pushforward(self, x, xd):
+        parts = [pushforward(psi, x, xd) for psi in self.maps]
+        return Pushforward(*(jnp.concatenate(column) for column in zip(*parts, strict=True)))
+
+
+@pytree
+class Pointwise(TaskMap):
+    """A map of one point, applied to each of K points [K, m] alike."""
+
+    task_map: Callable
+
+    def __call__(self, x):
+        return jax.vmap(self.task_map)(x)
+
+    def pushforward(self, x, xd):
+        return jax.vmap(lambda x, xd: pushforward(self.task_map, x, xd))(x, xd)
+
+
+def compose(*maps: Callable) -> TaskMap:
+    """Task maps one after the other, the first applied first: `compose(f, g)(x) = g(f(x))`."""
+    if not maps:
+        return Identity()
+    return maps[0] if len(maps) == 1 and isinstance(maps[0], TaskMap) else Composition(tuple(maps))
+
+
+def stack(*maps: Callable) -> Stack:
+    """Several task maps of the same coordinates side by side."""
+    return Stack(tuple(maps))
+
+
+def check_rigid(T, name: str = "pose", tolerance: float = 1e-4) -> np.ndarray:
+    """Return `T` [..., 4, 4] as NumPy if every matrix in it is a rigid transform.
+
+    **Raises** `RigidTransformError` that says which condition fails: shape, finiteness, last row, orthonormality,
+    or handedness. `tolerance` is on the entries of `R^T R - I` and of the last row.
+    """
+    T = np.asarray(T)
+    if T.shape[-2:] != (4, 4):
+        raise RigidTransformError(f"{name} has shape {T.shape}, expected [..., 4, 4].")
+    if not np.isfinite(T).all():
+        raise RigidTransformError(f"{name} holds non-finite numbers.")
+    R = T[..., :3, :3]
+    if np.abs(T[..., 3, :] - [0, 0, 0, 1]).max() > tolerance:
+        raise RigidTransformError(f"{name} has last row {T.reshape(-1, 4, 4)[0, 3].tolist()}, expected [0, 0, 0, 1].")
+    error = np.abs(np.swapaxes(R, -1, -2) @ R - np.eye(3)).max()
+    if error > tolerance:
+        raise RigidTransformError(
+            f"{name} is no rigid transform: its rotation part is not orthonormal (largest entry of R^T R - I is "
+            f"{error:.2e}, allowed {tolerance:.0e})."
+        )
+    if np.linalg.det(R).min() < 0:
+        raise RigidTransformError(f"{name} is no rigid transform: its rotation part is a reflection (det R = -1).")
+    return T

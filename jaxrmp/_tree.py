@@ -1,0 +1,184 @@
+"""The tree: policies as nodes, composed by sums and pullbacks.
+
+A node is a callable pytree `(x, xd) -> NaturalForm`. `pullback(task_map, node)` is a node on the map's domain, a sum
+of nodes is a node, and a leaf is a node that no other node makes up. What the node computes for forces it computes
+for energy and dissipation too, so a whole tree carries its own Lyapunov function.
+"""
+
+from collections.abc import Callable, Iterator
+
+import jax
+import jax.numpy as jnp
+
+from ._errors import ShapeError
+from ._forms import Method, NaturalForm, resolve
+from ._pytree import pytree, static
+from ._task_map import Pushforward, pushforward
+
+
+class Node:
+    """A policy on a space: position and velocity in, natural form out."""
+
+    def __call__(self, x: jax.Array, xd: jax.Array) -> NaturalForm:
+        raise NotImplementedError
+
+    def energy(self, x: jax.Array, xd: jax.Array) -> jax.Array:
+        """Lyapunov function `V = 1/2 xd^T G xd + Phi`, a scalar; zero from a leaf that has none."""
+        raise NotImplementedError
+
+    def dissipation(self, x: jax.Array, xd: jax.Array) -> jax.Array:
+        """Rate of energy loss `xd^T B xd`, a scalar, per second; zero from a leaf that has none."""
+        raise NotImplementedError
+
+    def leaves(self) -> Iterator["Leaf"]:
+        """The leaves below this node, in order."""
+        raise NotImplementedError
+
+    def __add__(self, other: "Node") -> "Sum":
+        if not isinstance(other, Node):
+            return NotImplemented
+        return Sum((*_terms(self), *_terms(other)))
+
+
+class Leaf(Node):
+    """A node at the end of a branch. `certified` says whether it is a geometric dynamical system.
+
+    A leaf that is not keeps the energies of the others but voids their sum as a certificate: it inherits the zero
+    energy below and sets `certified = False`.
+    """
+
+    name: str
+    certified = True
+
+    def energy(self, x, xd):
+        return jnp.zeros((), x.dtype)
+
+    def dissipation(self, x, xd):
+        return jnp.zeros((), x.dtype)
+
+    def leaves(self):
+        yield self
+
+
+@pytree
+class Sum(Node):
+    """Policies on the same space, acting together: forces and metrics add."""
+
+    nodes: tuple[Node, ...]
+
+    def __call__(self, x, xd):
+        total = self.nodes[0](x, xd)
+        for node in self.nodes[1:]:
+            total = total + node(x, xd)
+        return total
+
+    def energy(self, x, xd):
+        return sum(node.energy(x, xd) for node in self.nodes)
+
+    def dissipation(self, x, xd):
+        return sum(node.dissipation(x, xd) for node in self.nodes)
+
+    def leaves(self):
+        for node in self.nodes:
+            yield from node.leaves()
+
+
+@pytree
+class Pullback(Node):
+    """A policy on another space, seen from this one through a task map."""
+
+    task_map: Callable[[jax.Array], jax.Array]
+    node: Node
+
+    def __call__(self, x, xd):
+        there = pushforward(self.task_map, x, xd)
+        return pullback_form(there, self.node(there.y, there.yd), x.ndim)
+
+    def energy(self, x, xd):
+        return self.node.energy(*jax.jvp(self.task_map, (x,), (xd,)))
+
+    def dissipation(self, x, xd):
+        return self.node.dissipation(*jax.jvp(self.task_map, (x,), (xd,)))
+
+    def leaves(self):
+        yield from self.node.leaves()
+
+
+@pytree
+class Batched(Node):
+    """One policy at K points [K, m] at once, evaluated as one batch.
+
+    The node's parameters carry a leading axis of K, one policy a point, unless `shared`, when every point has the
+    same. Much faster to run and to compile than K nodes in a sum.
+
+    **Raises** `ShapeError` if the parameters do not all have that leading axis.
+    """
+
+    node: Node
+    shared: bool = static(default=False)
+
+    def __post_init__(self):
+        sizes = {jnp.shape(leaf)[:1] for leaf in jax.tree.leaves(self.node)}
+        if not self.shared and (len(sizes) > 1 or () in sizes):
+            raise ShapeError(
+                f"parameters of a batched node need one common leading axis, received leading axes {sorted(sizes)}. "
+                "Stack them with batched(node, node, ...), or say shared=True if all points have the same parameters."
+            )
+
+    def __call__(self, x, xd):
+        return self._over_points(lambda node, x, xd: node(x, xd), x, xd)
+
+    def energy(self, x, xd):
+        return jnp.sum(self._over_points(lambda node, x, xd: node.energy(x, xd), x, xd))
+
+    def dissipation(self, x, xd):
+        return jnp.sum(self._over_points(lambda node, x, xd: node.dissipation(x, xd), x, xd))
+
+    def leaves(self):
+        yield from self.node.leaves()
+
+    def _over_points(self, evaluate, x, xd):
+        return jax.vmap(evaluate, in_axes=(None if self.shared else 0, 0, 0))(self.node, x, xd)
+
+
+def pullback(task_map: Callable[[jax.Array], jax.Array], node: Node) -> Pullback:
+    """See a policy on `y = psi(x)` as a policy on x: `f = J^T (f_y - M_y Jdot xd)`, `M = J^T M_y J`.
+
+    **Arguments**: `task_map`, a `TaskMap` or any differentiable function; `node`, a policy on its range.
+    **Returns** a node on the map's domain; energy and dissipation are pulled back with it.
+
+    Rana et al. 2019, equation 9.
+    """
+    return Pullback(task_map, node)
+
+
+def batched(*nodes: Node) -> Batched:
+    """Nodes of the same kind at K points [K, m], stacked into one `Batched` node."""
+    if not nodes:
+        raise ShapeError("batched() needs at least one node.")
+    return Batched(jax.tree.map(lambda *parameters: jnp.stack([jnp.asarray(p) for p in parameters]), *nodes))
+
+
+def acceleration(tree: Node, q: jax.Array, qd: jax.Array, method: Method = "cholesky") -> jax.Array:
+    """The joint acceleration of a whole tree: `qdd = M^+ f` at the root.
+
+    **Arguments**: `tree`, a node on joint space; `q` [n], rad or m; `qd` [n], per second; `method`, see `resolve`.
+    **Returns** `qdd` [n]. Compile it once with `jax.jit(acceleration)`: the tree is an argument, so changing a goal
+    or a gain does not compile again.
+    """
+    return resolve(tree(q, qd), method)
+
+
+def pullback_form(there: Pushforward, form: NaturalForm, domain_axes: int) -> NaturalForm:
+    """Pull a form on y back through a pushforward; points of y are summed up if the domain is one vector."""
+    J, M = there.J, form.M
+    f = form.f - jnp.einsum("...ij,...j->...i", M, there.c)
+    if domain_axes == 1:
+        f, J = f.reshape(-1), J.reshape(-1, J.shape[-1])
+        MJ = (M @ there.J).reshape(J.shape)
+        return NaturalForm(J.T @ f, J.T @ MJ)
+    return NaturalForm(jnp.einsum("...ij,...i->...j", J, f), jnp.swapaxes(J, -1, -2) @ M @ J)
+
+
+def _terms(node: Node) -> tuple[Node, ...]:
+    return node.nodes if isinstance(node, Sum) else (node,)

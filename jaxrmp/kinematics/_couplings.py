@@ -1,0 +1,92 @@
+"""Which joints have a coordinate of their own: mimic joints follow a leader, locked joints stand still."""
+
+import math
+
+from .._errors import RobotError, UnknownNameError
+from ._robot import Joint
+
+
+def resolve_couplings(
+    joints: list[Joint], m, fixed: dict[str, float], source: str
+) -> tuple[list[Joint], tuple[str, ...], list[float], list[float]]:
+    """Number the independent joints and express the others by them.
+
+    **Arguments**: `joints` as in the file; `m`, the compiled MuJoCo model, whose equality constraints are all joint
+    couplings `y - y0 = a0 + a1 (x - x0)`; `fixed`, positions of locked joints by name; `source`, for messages.
+    **Returns** the joints with coordinate, multiplier and offset set; the names of the independent ones; their lower
+    and upper limits.
+    """
+    index = {joint.name: i for i, joint in enumerate(joints)}
+    leader_of = _leaders(joints, m, source)
+    roots = [_root(i, leader_of, joints, source) for i in range(len(joints))]
+
+    value_of_root: dict[int, float] = {}
+    for name, value in fixed.items():
+        if name not in index:
+            raise UnknownNameError("joint", name, index)
+        i = index[name]
+        value = float(value)
+        if not math.isfinite(value):
+            raise RobotError(f"{source}: fixed[{name!r}] is {value}, expected a finite number.")
+        if m.jnt_limited[i] and not m.jnt_range[i][0] - 1e-9 <= value <= m.jnt_range[i][1] + 1e-9:
+            low, high = (float(v) for v in m.jnt_range[i])
+            raise RobotError(f"{source}: fixed[{name!r}] is {value}, outside the joint's range [{low}, {high}].")
+        root, multiplier, offset = roots[i]
+        position = value_of_root.get(root)
+        if root >= 0 and multiplier != 0.0 and position is None:
+            value_of_root[root] = (value - offset) / multiplier
+        elif abs(multiplier * (position or 0.0) + offset - value) > 1e-9:
+            raise RobotError(
+                f"{source}: fixed[{name!r}] is {value}, but the coupling of this joint to the other locked joints "
+                f"puts it at {multiplier * (position or 0.0) + offset:g}. Lock only one joint of a coupled group."
+            )
+
+    free = [i for i in range(len(joints)) if roots[i][0] == i and i not in value_of_root]
+    if not free:
+        raise RobotError(f"{source}: no joint is left to move. The file must hold a revolute or prismatic joint.")
+    coordinate = {i: k for k, i in enumerate(free)}
+    resolved = []
+    for joint, (root, multiplier, offset) in zip(joints, roots, strict=True):
+        if root in coordinate and multiplier != 0.0:
+            follows = {"coordinate": coordinate[root], "multiplier": multiplier, "offset": offset}
+        else:
+            position = multiplier * value_of_root.get(root, 0.0) + offset
+            follows = {"coordinate": -1, "multiplier": 0.0, "offset": position}
+        resolved.append(joint._replace(**follows))
+    lower = [float(m.jnt_range[i][0]) if m.jnt_limited[i] else -math.inf for i in free]
+    upper = [float(m.jnt_range[i][1]) if m.jnt_limited[i] else math.inf for i in free]
+    return resolved, tuple(joints[i].name for i in free), lower, upper
+
+
+def _leaders(joints: list[Joint], m, source: str) -> dict[int, tuple[int, float, float]]:
+    """The couplings in the file: follower -> (leader or -1, multiplier, offset)."""
+    leader_of = {}
+    for k in range(m.neq):
+        follower, leader = int(m.eq_obj1id[k]), int(m.eq_obj2id[k])
+        a = [float(v) for v in m.eq_data[k][:5]]
+        name = joints[follower].name
+        if any(a[2:]) and leader >= 0:
+            raise RobotError(
+                f"{source}: joint {name!r} follows {joints[leader].name!r} by the polynomial {a}; "
+                "jaxrmp's mimic joints are linear (multiplier and offset)."
+            )
+        if follower in leader_of:
+            raise RobotError(f"{source}: joint {name!r} follows more than one joint.")
+        multiplier = a[1] if leader >= 0 else 0.0
+        x0 = joints[leader].reference if leader >= 0 else 0.0
+        leader_of[follower] = (leader, multiplier, joints[follower].reference + a[0] - multiplier * x0)
+    return leader_of
+
+
+def _root(i: int, leader_of, joints: list[Joint], source: str) -> tuple[int, float, float]:
+    """The joint that `i` follows in the end (itself, or -1 for none), and the multiplier and offset to it."""
+    multiplier, offset, seen = 1.0, 0.0, [i]
+    while i in leader_of:
+        i, a, b = leader_of[i]
+        multiplier, offset = multiplier * a, multiplier * b + offset
+        if i in seen:
+            raise RobotError(f"{source}: joints {[joints[j].name for j in seen]} follow each other in a circle.")
+        if i < 0:
+            break
+        seen.append(i)
+    return i, multiplier, offset

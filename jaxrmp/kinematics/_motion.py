@@ -1,0 +1,151 @@
+"""One pass from the world down the bodies that matter: poses, and on request velocities and accelerations."""
+
+import math
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ._materialise import materialise
+from ._robot import Joint, KinematicModel
+from ._scalars import (
+    IDENTITY,
+    ZERO,
+    Rotation,
+    Scalar,
+    Vector,
+    add,
+    add3,
+    axis_rotation,
+    cross,
+    matmul,
+    mul,
+    rotate,
+    scale,
+    sub3,
+)
+
+
+class BodyMotion(NamedTuple):
+    """Motion of a body in the world. The accelerations are those at `qdd = 0`: what the velocities alone cause."""
+
+    rotation: Rotation
+    position: Vector  # of the body's origin
+    omega: Vector = ZERO  # angular velocity
+    alpha: Vector = ZERO  # angular acceleration
+    velocity: Vector = ZERO  # of the body's origin
+    acceleration: Vector = ZERO
+
+
+class JointAxis(NamedTuple):
+    """Where a joint's axis is in the world."""
+
+    direction: Vector
+    anchor: Vector
+
+
+def move(
+    model: KinematicModel, bodies: Iterable[int], q: jax.Array, qd: jax.Array | None = None
+) -> tuple[dict[int, BodyMotion], dict[int, JointAxis]]:
+    """Motion of each body in `bodies` and of the bodies above them, and the axis of each joint met, by index.
+
+    Every body is computed once. Without `qd` the velocities and accelerations stay zero and cost nothing.
+    """
+    needed = sorted({b for target in bodies for b in model.path(target)})
+    met = [i for b in needed for i in model.joints_of_body[b]]
+    trigonometry = _cosines_and_sines([model.joints[i] for i in met], q)
+    motions = {0: BodyMotion(IDENTITY, ZERO)}
+    axes: dict[int, JointAxis] = {}
+    for b in needed:
+        body = model.bodies[b]
+        motion = attach(motions[body.parent], body.position, body.rotation)
+        for i in model.joints_of_body[b]:
+            joint = model.joints[i]
+            anchor = add3(motion.position, rotate(motion.rotation, joint.anchor))
+            axes[i] = JointAxis(rotate(motion.rotation, joint.axis), anchor)
+            rate = 0.0 if qd is None or joint.coordinate < 0 else mul(joint.multiplier, _entry(qd, joint.coordinate))
+            if joint.kind == "revolute":
+                motion = _turn(motion, joint, axes[i], axis_rotation(joint.axis, *trigonometry[joint]), rate)
+            else:
+                motion = _slide(motion, axes[i], _displacement(joint, q), rate)
+        motions[b] = motion
+    return motions, axes
+
+
+def attach(motion: BodyMotion, position: Vector, rotation: Rotation) -> BodyMotion:
+    """Motion of a frame that sits at a fixed pose in a moving body."""
+    return carry(motion, rotate(motion.rotation, position))._replace(rotation=matmul(motion.rotation, rotation))
+
+
+def carry(motion: BodyMotion, arm: Vector) -> BodyMotion:
+    """The same rigid motion with its origin moved by `arm`, a world vector that turns with the body."""
+    swing = cross(motion.omega, arm)
+    pull = add3(cross(motion.alpha, arm), cross(motion.omega, swing))
+    return motion._replace(
+        position=add3(motion.position, arm),
+        velocity=add3(motion.velocity, swing),
+        acceleration=add3(motion.acceleration, pull),
+    )
+
+
+def _entry(x: jax.Array, i: int) -> jax.Array:
+    return jax.lax.index_in_dim(x, i, keepdims=False)
+
+
+def _displacement(joint: Joint, q: jax.Array) -> Scalar:
+    """Joint position less the reference position."""
+    if joint.coordinate < 0:
+        return joint.offset - joint.reference
+    return add(mul(joint.multiplier, _entry(q, joint.coordinate)), joint.offset - joint.reference)
+
+
+def _cosines_and_sines(joints: list[Joint], q: jax.Array) -> dict[Joint, tuple[Scalar, Scalar]]:
+    """Cosine and sine of each revolute joint's displacement, all in one array operation."""
+    found: dict[Joint, tuple[Scalar, Scalar]] = {}
+    moving = [joint for joint in joints if joint.kind == "revolute" and joint.coordinate >= 0]
+    for joint in joints:
+        if joint.kind == "revolute" and joint.coordinate < 0:
+            angle = joint.offset - joint.reference
+            found[joint] = (math.cos(angle), math.sin(angle))
+    if moving:
+        angles = _displacements(moving, q)
+        values = materialise(jnp.concatenate([jnp.cos(angles), jnp.sin(angles)]))
+        for k, joint in enumerate(moving):
+            found[joint] = (_entry(values, k), _entry(values, k + len(moving)))
+    return found
+
+
+def _displacements(joints: list[Joint], q: jax.Array) -> jax.Array:
+    """As `_displacement`, for several moving joints at once."""
+    coordinates = [joint.coordinate for joint in joints]
+    first, last = coordinates[0], coordinates[-1]
+    if coordinates == list(range(first, last + 1)):
+        values = jax.lax.slice_in_dim(q, first, last + 1)
+    else:
+        values = q[np.array(coordinates)]
+    multipliers = np.array([joint.multiplier for joint in joints], q.dtype)
+    offsets = np.array([joint.offset - joint.reference for joint in joints], q.dtype)
+    if (multipliers != 1.0).any():
+        values = values * multipliers
+    return values + offsets if offsets.any() else values
+
+
+def _turn(motion: BodyMotion, joint: Joint, axis: JointAxis, turn: Rotation, rate: Scalar) -> BodyMotion:
+    at_anchor = carry(motion, sub3(axis.anchor, motion.position)) if any(joint.anchor) else motion
+    spin = scale(rate, axis.direction)
+    rotation = matmul(motion.rotation, turn)
+    turned = at_anchor._replace(
+        rotation=rotation,
+        omega=add3(motion.omega, spin),
+        alpha=add3(motion.alpha, cross(motion.omega, spin)),
+    )
+    return carry(turned, scale(-1.0, rotate(rotation, joint.anchor))) if any(joint.anchor) else turned
+
+
+def _slide(motion: BodyMotion, axis: JointAxis, displacement: Scalar, rate: Scalar) -> BodyMotion:
+    moved = carry(motion, scale(displacement, axis.direction))
+    slip = scale(rate, axis.direction)
+    coriolis = scale(2.0, cross(motion.omega, slip))
+    return moved._replace(velocity=add3(moved.velocity, slip), acceleration=add3(moved.acceleration, coriolis))

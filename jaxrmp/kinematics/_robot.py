@@ -1,0 +1,190 @@
+"""A robot as a value: a tree of bodies and joints (structure) and the limits of its coordinates (parameters)."""
+
+import dataclasses
+import functools
+import hashlib
+from typing import Literal, NamedTuple
+
+import jax
+import numpy as np
+
+from .._errors import ShapeError, UnknownNameError
+from .._pytree import pytree, set_field, static
+
+Vector = tuple[float, float, float]
+Rotation = tuple[float, float, float, float, float, float, float, float, float]
+
+
+class Body(NamedTuple):
+    """A rigid body: where it sits in its parent body while its joints are at their reference positions."""
+
+    name: str
+    parent: int  # index of the parent body; -1 for the world
+    position: Vector  # origin in the parent, m
+    rotation: Rotation  # rows of R_parent_body
+
+
+class Joint(NamedTuple):
+    """A revolute or prismatic joint that moves `body`; a body's joints act in their order in the model.
+
+    Its position is `multiplier * q[coordinate] + offset`. A joint of its own has multiplier 1 and offset 0; a mimic
+    joint shares its leader's coordinate; a locked joint has coordinate -1 and sits at `offset`.
+    """
+
+    name: str
+    body: int
+    kind: Literal["revolute", "prismatic"]
+    axis: Vector  # unit vector in the body
+    anchor: Vector  # a point of the axis in the body, m
+    reference: float  # joint position in which the body has its fixed pose, rad or m
+    coordinate: int
+    multiplier: float
+    offset: float
+
+
+class Frame(NamedTuple):
+    """A named pose fixed to a body: the body's own frame, or a site on it."""
+
+    name: str
+    body: int
+    position: Vector
+    rotation: Rotation
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class KinematicModel:
+    """The structure of a robot, as hashable Python numbers: JAX compiles it into the program.
+
+    `bodies` are ordered so that a parent comes before its children; body 0 is the world.
+    """
+
+    name: str
+    joint_names: tuple[str, ...]  # the independent joints, in the order of their coordinates
+    bodies: tuple[Body, ...]
+    joints: tuple[Joint, ...]
+    frames: tuple[Frame, ...]
+
+    @functools.cached_property
+    def fingerprint(self) -> str:
+        """Sixteen hexadecimal digits that identify the kinematic content: everything but the model's own name.
+
+        Numbers enter rounded to 1e-9, so that the same description gives the same fingerprint on every machine.
+        """
+        parts = (self.bodies, self.joints, self.frames)
+        lines = [_stable(self.joint_names), *(_stable(tuple(entry)) for part in parts for entry in part)]
+        return hashlib.sha256("\n".join(lines).encode()).hexdigest()[:16]
+
+    @functools.cached_property
+    def frame_of_name(self) -> dict[str, int]:
+        """Index of each frame by its name."""
+        return {frame.name: i for i, frame in enumerate(self.frames)}
+
+    @functools.cached_property
+    def joints_of_body(self) -> tuple[tuple[int, ...], ...]:
+        """Indices of each body's joints, in the order in which they act."""
+        return tuple(tuple(i for i, j in enumerate(self.joints) if j.body == b) for b in range(len(self.bodies)))
+
+    def path(self, body: int) -> tuple[int, ...]:
+        """Bodies from below the world down to `body`."""
+        chain = []
+        while body > 0:
+            chain.append(body)
+            body = self.bodies[body].parent
+        return tuple(reversed(chain))
+
+    @functools.cached_property
+    def _content(self):
+        return self.name, self.joint_names, self.bodies, self.joints, self.frames
+
+    @functools.cached_property
+    def _hash(self) -> int:
+        return int(self.fingerprint, 16)
+
+    def __hash__(self) -> int:
+        return self._hash
+
+    def __eq__(self, other: object) -> bool:
+        if self is other:
+            return True
+        if not isinstance(other, KinematicModel):
+            return NotImplemented
+        return self._hash == other._hash and self._content == other._content
+
+    def __repr__(self) -> str:
+        return f"KinematicModel({self.name!r}, {len(self.bodies)} bodies, {len(self.joints)} joints)"
+
+
+def _stable(value) -> str:
+    if isinstance(value, float):
+        return f"{round(value, 9) + 0.0:.9f}"  # adding 0.0 turns -0.0 into 0.0
+    if isinstance(value, tuple):
+        return "(" + " ".join(map(_stable, value)) + ")"
+    return str(value)
+
+
+@pytree
+class Robot:
+    """A robot of n independent joints.
+
+    `lower`, `upper` [n]: joint limits, rad or m, infinite where there is none; `velocity_limit` [n], rad/s or m/s.
+    These are parameters. `model`, the kinematic tree, is structure: robots that share it share compiled programs.
+
+    **Raises** `ShapeError` when a limit does not have n entries.
+    """
+
+    lower: jax.Array | np.ndarray
+    upper: jax.Array | np.ndarray
+    velocity_limit: jax.Array | np.ndarray
+    model: KinematicModel = static()
+
+    def __post_init__(self):
+        for name in ("lower", "upper", "velocity_limit"):
+            value = getattr(self, name)
+            if not isinstance(value, jax.Array):
+                value = np.asarray(value, dtype=float)
+                set_field(self, name, value)
+            if value.shape != (self.num_joints,):
+                raise ShapeError(f"{name} has shape {value.shape}, expected ({self.num_joints},): one per joint.")
+
+    @property
+    def name(self) -> str:
+        """The robot's name."""
+        return self.model.name
+
+    @property
+    def num_joints(self) -> int:
+        """Number n of independent joints."""
+        return len(self.model.joint_names)
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of the independent joints, in the order of `q`."""
+        return self.model.joint_names
+
+    @property
+    def frame_names(self) -> tuple[str, ...]:
+        """Names of all frames: bodies first, then sites."""
+        return tuple(frame.name for frame in self.model.frames)
+
+    @property
+    def fingerprint(self) -> str:
+        """Identifies the kinematic content (not the limits), the same on every machine."""
+        return self.model.fingerprint
+
+    def frame_index(self, name: str) -> int:
+        """Index of the frame called `name`. **Raises** `UnknownNameError`."""
+        index = self.model.frame_of_name.get(name)
+        if index is None:
+            raise UnknownNameError("frame", name, self.frame_names)
+        return index
+
+    def joint_index(self, name: str) -> int:
+        """Coordinate of the independent joint called `name`. **Raises** `UnknownNameError`."""
+        if name not in self.joint_names:
+            dependent = [j for j in self.model.joints if j.name == name]
+            hint = "" if not dependent else "This joint is locked or follows another one, so it has no coordinate."
+            raise UnknownNameError("joint", name, self.joint_names, hint)
+        return self.joint_names.index(name)
+
+    def __repr__(self) -> str:
+        return f"Robot({self.name!r}, joints={list(self.joint_names)})"

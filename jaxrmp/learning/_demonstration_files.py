@@ -1,0 +1,201 @@
+"""Demonstration sets in folders: NPZ files with a meta.json, or CSV files; NPZ is also what is written."""
+
+import json
+import os
+import re
+import shutil
+import uuid
+import zipfile
+import zlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .._errors import DemonstrationError
+from ._demonstration_tables import read_table
+from ._demonstrations import Demonstration, DemonstrationSet, check_demonstration, check_poses
+
+_NAME = re.compile(r"demo_(\d+)\.(npz|csv)")
+_BASE, _POSE = "pose_world_base", "pose_world_"
+_LAYOUT = "Expected demo_0.npz, demo_1.npz, ... with meta.json, or demo_0.csv, demo_1.csv, ..."
+
+
+def load_demonstrations(path: str | os.PathLike) -> DemonstrationSet:
+    """Read the demonstrations that lie in a folder, in the order of their numbers.
+
+    Either `demo_K.npz` files with a `meta.json` (`robot`, `joint_names`; optional `source`, `num_demos`, `objects`):
+    `time` [T], s; `joint_positions` [T, n], rad or m; optional `pose_world_base` and `pose_world_OBJECT`, [T, 4, 4] or
+    [4, 4]. Or `demo_K.csv` files, a header and one line per sample: `time`, then the joints by name; optional
+    `OBJECT_x, _y, _z, _qw, _qx, _qy, _qz`, the object's pose in the base frame; `meta.json` is optional with them.
+
+    **Returns** a `DemonstrationSet`; objects' poses are in the robot's base frame,
+    `T_base_object = inv(T_world_base) T_world_object`, or as they are where no base pose is given.
+    **Raises** `DemonstrationError`, naming the file, if something is missing, unreadable or does not fit together;
+    `RigidTransformError` if a pose is not a rigid transform.
+    """
+    folder = Path(path)
+    files = _demonstration_files(folder)
+    meta = _read_meta(folder / "meta.json", required=files[0].suffix == ".npz")
+    read = _read_npz if files[0].suffix == ".npz" else read_table
+    if meta.get("num_demos", len(files)) != len(files):
+        raise DemonstrationError(
+            f"{folder / 'meta.json'} says num_demos = {meta['num_demos']}, but the folder holds {len(files)}: "
+            f"{[file.name for file in files]}."
+        )
+    joint_names = tuple(meta["joint_names"]) if "joint_names" in meta else None
+    demonstrations = []
+    for file in files:
+        demonstration, joint_names = read(file, joint_names)
+        check_demonstration(demonstration, joint_names, str(file))
+        absent = [name for name in meta.get("objects", ()) if name not in demonstration.poses]
+        if absent:
+            raise DemonstrationError(
+                f"{file} has no pose of {absent[0]!r}, which meta.json lists under objects. It has "
+                f"{list(demonstration.poses) or 'none'}."
+            )
+        demonstrations.append(demonstration)
+    source = str(meta.get("source", folder.name))
+    return DemonstrationSet(tuple(demonstrations), joint_names or (), str(meta.get("robot", "unknown")), source)
+
+
+def save_demonstrations(demonstrations: DemonstrationSet, path: str | os.PathLike, overwrite: bool = False) -> Path:
+    """Write a set as a folder of `demo_K.npz` and `meta.json`, complete or not at all.
+
+    **Arguments**: `overwrite`, replace a folder that holds demonstrations already; others are never replaced.
+    **Returns** the folder. `load_demonstrations` gives back equal numbers.
+    **Raises** `DemonstrationError` if the folder is not empty and may not be replaced.
+    """
+    folder = Path(path)
+    _check_replaceable(folder, overwrite)
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    new = folder.parent / f".{folder.name}.{uuid.uuid4().hex[:8]}.partial"
+    new.mkdir()
+    try:
+        for k, demonstration in enumerate(demonstrations):
+            poses: dict[str, Any] = {f"{_POSE}{name}": T for name, T in demonstration.poses.items()}
+            np.savez(new / f"demo_{k}.npz", time=demonstration.time, joint_positions=demonstration.q, **poses)
+        meta = {
+            "robot": demonstrations.robot,
+            "joint_names": list(demonstrations.joint_names),
+            "units": {"time": "s", "joint_positions": "rad", "pose": "homogeneous 4x4, metres, in the base frame"},
+            "num_demos": len(demonstrations),
+            "objects": list(demonstrations.object_names),
+            "source": demonstrations.source,
+        }
+        (new / "meta.json").write_text(json.dumps(meta, indent=2) + "\n", encoding="utf-8")
+        if folder.is_dir() and any(folder.iterdir()):
+            old = new.with_suffix(".old")
+            folder.rename(old)
+            try:
+                new.rename(folder)
+            except BaseException:
+                old.rename(folder)
+                raise
+            shutil.rmtree(old)
+        else:
+            new.rename(folder)
+    finally:
+        shutil.rmtree(new, ignore_errors=True)
+    return folder
+
+
+def _demonstration_files(folder: Path) -> list[Path]:
+    if not folder.exists():
+        raise DemonstrationError(f"{folder} does not exist. {_LAYOUT}")
+    if not folder.is_dir():
+        raise DemonstrationError(f"{folder} is a file: give the folder that holds the demonstrations. {_LAYOUT}")
+    numbered = {}
+    for file in folder.iterdir():
+        if match := _NAME.fullmatch(file.name):
+            numbered.setdefault(match[2], {}).setdefault(int(match[1]), []).append(file)
+    if not numbered:
+        found = sorted(entry.name for entry in folder.iterdir())[:10]
+        raise DemonstrationError(f"no demonstrations in {folder}, which holds {found or 'nothing'}. {_LAYOUT}")
+    if len(numbered) > 1:
+        raise DemonstrationError(f"{folder} holds demonstrations both as .npz and as .csv: keep one kind.")
+    (files,) = numbered.values()
+    twice = [k for k, same in files.items() if len(same) > 1]
+    if twice:
+        raise DemonstrationError(
+            f"{folder} numbers two demonstrations {twice[0]}: {[f.name for f in files[twice[0]]]}."
+        )
+    return [files[k][0] for k in sorted(files)]
+
+
+def _read_meta(file: Path, required: bool) -> dict[str, Any]:
+    if not file.exists():
+        if required:
+            raise DemonstrationError(
+                f'{file} is missing. Write one with at least {{"robot": ..., "joint_names": [...]}}.'
+            )
+        return {}
+    try:
+        meta = json.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise DemonstrationError(f"{file} is not readable as JSON: {error}.") from error
+    if not isinstance(meta, dict):
+        raise DemonstrationError(f"{file} holds a {type(meta).__name__}, expected a JSON object.")
+    for key in ("joint_names", "objects"):
+        names = meta.get(key, [])
+        if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+            raise DemonstrationError(f"{file}: {key} is {names!r}, expected a list of names.")
+    for key in ("robot", "joint_names") if required else ():
+        if not meta.get(key):
+            raise DemonstrationError(f"{file} has no {key!r}; it has {sorted(meta)}. Add it.")
+    return meta
+
+
+def _read_npz(file: Path, joint_names: tuple[str, ...] | None) -> tuple[Demonstration, tuple[str, ...]]:
+    try:
+        with np.load(file, allow_pickle=False) as archive:
+            arrays = {name: archive[name] for name in archive.files}
+    except (OSError, ValueError, EOFError, AttributeError, TypeError, zipfile.BadZipFile, zlib.error) as error:
+        raise DemonstrationError(
+            f"{file} is not readable as an NPZ file of plain arrays: {error}. Write it with numpy.savez."
+        ) from error
+    absent = [key for key in ("time", "joint_positions") if key not in arrays]
+    if absent:
+        raise DemonstrationError(f"{file} has no array {absent[0]!r}; it has {sorted(arrays)}.")
+    base = arrays.pop(_BASE, None)
+    poses = {key.removeprefix(_POSE): T for key, T in arrays.items() if key.startswith(_POSE)}
+    try:
+        demonstration = Demonstration(arrays["time"], arrays["joint_positions"], poses)
+        if base is not None:
+            poses = _in_base_frame(demonstration, np.asarray(base, float), str(file))
+            demonstration = Demonstration(demonstration.time, demonstration.q, poses)
+    except (DemonstrationError, TypeError, ValueError) as error:
+        if str(error).startswith(str(file)):
+            raise
+        raise DemonstrationError(f"{file}: {error}") from error
+    return demonstration, joint_names or ()
+
+
+def _in_base_frame(demonstration: Demonstration, T_world_base: np.ndarray, where: str) -> dict[str, np.ndarray]:
+    samples = len(demonstration.q)
+    check_poses(T_world_base, samples, f"{where}: {_BASE}")
+    for name, T in demonstration.poses.items():
+        check_poses(T, samples, f"{where}: the pose of {name!r}")
+    R_base_world = np.swapaxes(T_world_base[..., :3, :3], -1, -2)
+    T_base_world = np.zeros_like(T_world_base)
+    T_base_world[..., :3, :3] = R_base_world
+    T_base_world[..., :3, 3] = -np.einsum("...ij,...j->...i", R_base_world, T_world_base[..., :3, 3])
+    T_base_world[..., 3, 3] = 1.0
+    return {name: T_base_world @ T for name, T in demonstration.poses.items()}
+
+
+def _check_replaceable(folder: Path, overwrite: bool) -> None:
+    if not folder.exists():
+        return
+    if not folder.is_dir():
+        raise DemonstrationError(f"{folder} is a file: give a folder to write demonstrations to.")
+    there = sorted(entry.name for entry in folder.iterdir())
+    if not there:
+        return
+    others = [name for name in there if name != "meta.json" and not _NAME.fullmatch(name)]
+    if others:
+        raise DemonstrationError(
+            f"{folder} holds other things than demonstrations ({others[:5]}) and is left alone: choose another folder."
+        )
+    if not overwrite:
+        raise DemonstrationError(f"{folder} is not empty: choose another folder, or say overwrite=True.")

@@ -1,0 +1,95 @@
+"""A demonstration as a CSV table: a header, then one line per sample."""
+
+import csv
+from pathlib import Path
+
+import numpy as np
+
+from .._errors import DemonstrationError, RigidTransformError
+from ._demonstrations import Demonstration
+
+_POSE = ("_x", "_y", "_z", "_qw", "_qx", "_qy", "_qz")
+
+
+def read_table(file: Path, joint_names: tuple[str, ...] | None) -> tuple[Demonstration, tuple[str, ...]]:
+    """Read one CSV demonstration (columns as in `load_demonstrations`).
+
+    **Arguments**: `joint_names`, the order wanted; by default that of the columns.
+    **Returns** the demonstration and the names of its joints in order.
+    **Raises** `DemonstrationError`, naming file and line; `RigidTransformError` for a quaternion not of unit length.
+    """
+    header, rows = _read(file)
+    if not header or header[0] != "time":
+        raise DemonstrationError(f"{file}: the header is {header[:8]}, expected time, then the joints by name.")
+    double = [name for name in header if header.count(name) > 1]
+    if double:
+        raise DemonstrationError(f"{file}: the header names {double[0]!r} twice.")
+    objects = [name[:-3] for name in header if name.endswith("_qw")]
+    pose_columns = {name: [name + suffix for suffix in _POSE] for name in objects}
+    for name, columns in pose_columns.items():
+        absent = [column for column in columns if column not in header]
+        if absent:
+            raise DemonstrationError(f"{file}: the pose of {name!r} lacks the column {absent[0]!r}.")
+    taken = {"time"}.union(*pose_columns.values())
+    found = tuple(name for name in header if name not in taken)
+    if joint_names is not None and set(found) != set(joint_names):
+        raise DemonstrationError(
+            f"{file}: the joint columns are {list(found)}, expected {list(joint_names)} (meta.json, or the first file)."
+        )
+    joint_names = joint_names or found
+    if not joint_names:
+        raise DemonstrationError(f"{file}: the header {header} names no joint.")
+    table = _numbers(file, header, rows)
+    column = {name: table[:, i] for i, name in enumerate(header)}
+    q = np.stack([column[name] for name in joint_names], axis=1)
+    poses = {name: _poses(file, name, np.stack([column[c] for c in cs], 1)) for name, cs in pose_columns.items()}
+    return Demonstration(column["time"], q, poses), joint_names
+
+
+def _read(file: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
+    try:
+        with open(file, newline="", encoding="utf-8-sig") as stream:
+            reader = csv.reader(stream)
+            lines = [(reader.line_num, [entry.strip() for entry in row]) for row in reader if row]
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise DemonstrationError(f"{file} is not readable as a CSV file: {error}.") from error
+    return (lines[0][1], lines[1:]) if lines else ([], [])
+
+
+def _numbers(file: Path, header: list[str], rows: list[tuple[int, list[str]]]) -> np.ndarray:
+    table = np.empty((len(rows), len(header)))
+    for i, (line, row) in enumerate(rows):
+        if len(row) != len(header):
+            raise DemonstrationError(f"{file}, line {line}: {len(row)} entries, but the header has {len(header)}.")
+        try:
+            table[i] = row
+        except ValueError:
+            bad = next(entry for entry in row if not _is_number(entry))
+            raise DemonstrationError(f"{file}, line {line}: {bad!r} is not a number.") from None
+    return table
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def _poses(file: Path, name: str, entries: np.ndarray) -> np.ndarray:
+    """Positions and quaternions (w, x, y, z) [T, 7] as poses [T, 4, 4]."""
+    length = np.linalg.norm(entries[:, 3:], axis=1)
+    bad = np.flatnonzero(~(np.abs(length - 1.0) < 1e-2))
+    if bad.size:
+        raise RigidTransformError(
+            f"{file}: the pose of {name!r} at sample {bad[0]} is no rigid transform: its quaternion has length "
+            f"{length[bad[0]]:.4g}, expected 1."
+        )
+    w, x, y, z = (entries[:, 3:] / length[:, None]).T
+    T = np.zeros((len(entries), 4, 4))
+    T[:, 0, :3] = np.stack([1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)], 1)
+    T[:, 1, :3] = np.stack([2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)], 1)
+    T[:, 2, :3] = np.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], 1)
+    T[:, :3, 3], T[:, 3, 3] = entries[:, :3], 1.0
+    return T

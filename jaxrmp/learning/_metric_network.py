@@ -1,0 +1,86 @@
+"""The network that gives a learned metric its Cholesky factor. The only module that knows flax."""
+
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from .._errors import MissingDependencyError, UnknownNameError
+from .._pytree import pytree, static
+
+try:
+    import flax.linen as nn
+except ImportError as error:
+    raise MissingDependencyError("flax", "learning") from error
+
+ACTIVATIONS: dict[str, Callable] = {"relu": nn.relu, "softplus": nn.softplus, "silu": nn.silu, "tanh": nn.tanh}
+
+
+class CholeskyNetwork(nn.Module):
+    """Fully connected layers from a position to the entries of a lower triangular matrix; it starts at the identity.
+
+    The last layer is linear; absolute values plus `offset` give the diagonal. Rana et al. 2019, section 3.2.
+    """
+
+    dimension: int
+    hidden: tuple[int, ...]
+    activation: str
+    offset: float
+    param_dtype: Any = jnp.float32
+
+    @nn.compact
+    def __call__(self, x):
+        m = self.dimension
+        for width in self.hidden:
+            x = ACTIVATIONS[self.activation](nn.Dense(width, param_dtype=self.param_dtype)(x))
+        diagonal = nn.Dense(
+            m,
+            kernel_init=nn.initializers.normal(0.01),
+            bias_init=nn.initializers.constant(1 - self.offset),
+            param_dtype=self.param_dtype,
+        )(x)
+        below = nn.Dense(m * (m - 1) // 2, kernel_init=nn.initializers.normal(0.01), param_dtype=self.param_dtype)(x)
+        L = jnp.zeros((m, m), x.dtype).at[jnp.tril_indices(m, -1)].set(below)
+        return L + jnp.diag(jnp.abs(diagonal) + self.offset)
+
+
+@pytree
+class CholeskyFactor:
+    """A trained Cholesky factor: `x -> L` [m, m], lower triangular, diagonal at least `offset`.
+
+    **Arguments**: `weights`, the network's, as nested dicts of arrays; `length_scale`, metres, by which positions are
+    divided on the way in; `dimension` m, `hidden` layer widths, `activation` (relu, softplus, silu or tanh), `offset`.
+    """
+
+    weights: Any
+    length_scale: jax.Array | float
+    dimension: int = static(default=3)
+    hidden: tuple[int, ...] = static(default=(128, 64))
+    activation: str = static(default="relu")
+    offset: float = static(default=1e-3)
+
+    def __call__(self, x: jax.Array) -> jax.Array:
+        return self._network().apply({"params": self.weights}, x / jnp.asarray(self.length_scale, x.dtype))
+
+    def _network(self):
+        return CholeskyNetwork(self.dimension, self.hidden, self.activation, self.offset)
+
+
+def initial_cholesky_factor(
+    key: jax.Array,
+    dimension: int = 3,
+    hidden: tuple[int, ...] = (128, 64),
+    activation: str = "relu",
+    offset: float = 1e-3,
+    length_scale: float = 1.0,
+) -> CholeskyFactor:
+    """A Cholesky factor before training: near the identity everywhere.
+
+    **Raises** `UnknownNameError` for an activation that is not offered.
+    """
+    if activation not in ACTIVATIONS:
+        raise UnknownNameError("activation", activation, ACTIVATIONS)
+    network = CholeskyNetwork(dimension, tuple(hidden), activation, offset)
+    weights = network.init(key, jnp.zeros(dimension))["params"]
+    return CholeskyFactor(weights, jnp.asarray(length_scale), dimension, tuple(hidden), activation, offset)

@@ -1,0 +1,110 @@
+"""Fits the metrics of all subtasks at once to the directions of their demonstrations. The only module that knows optax."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from typing import Literal, NamedTuple, get_args
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from .._errors import MissingDependencyError, TrainingError, UnknownNameError
+from ..leaves import natural_gradient_field
+from ._metric_network import CholeskyFactor, initial_cholesky_factor
+
+try:
+    import optax
+except ImportError as error:
+    raise MissingDependencyError("optax", "learning") from error
+
+Loss = Literal["smooth_l1", "l2"]
+
+
+_UPDATES_A_CALL = 50  # one compiled call, then progress is shown
+
+
+class MetricFit(NamedTuple):
+    """Trained factors, stacked over subtasks, and the loss of every update, [updates, K]."""
+
+    factors: CholeskyFactor
+    losses: np.ndarray
+
+
+def field_loss(
+    factor: CholeskyFactor, x: jax.Array, slope: jax.Array, velocity: jax.Array, loss: Loss = "smooth_l1"
+) -> jax.Array:
+    """Mean regression loss between `-M^-1 slope` and `velocity` over points x [N, m] of one subtask."""
+    error = natural_gradient_field(jax.vmap(factor)(x), slope) - velocity
+    if loss == "l2":
+        return jnp.mean(jnp.sum(error**2, axis=-1))
+    return jnp.mean(jnp.sum(optax.huber_loss(error, delta=0.1), axis=-1))
+
+
+def train_metrics(
+    x: jax.Array,
+    slope: jax.Array,
+    velocity: jax.Array,
+    *,
+    seed: int = 0,
+    updates: int = 1000,
+    learning_rate: float = 0.005,
+    weight_decay: float = 3e-5,
+    loss: Loss = "smooth_l1",
+    hidden: tuple[int, ...] = (128, 64),
+    activation: str = "relu",
+    offset: float = 1e-3,
+    length_scale: float = 1.0,
+    progress: Callable[[int, float], None] | None = None,
+) -> MetricFit:
+    """Train the Cholesky factors of K subtasks so that `-M^-1 slope` reproduces `velocity` at all points.
+
+    Full-batch Adam with a learning rate that falls to zero along a cosine, all subtasks in one compiled loop.
+
+    **Arguments**: `x` [K, N, m], positions, metres; `slope` [K, N, m], the potentials' gradients there; `velocity`
+    [K, N, m], what the field should be; `progress`, called with the updates done and the mean loss.
+    **Returns** a `MetricFit`.
+    **Raises** `TrainingError` if a loss is not finite; `UnknownNameError` for an unknown loss or activation.
+
+    Rana et al. 2019, section 3.2.
+    """
+    if loss not in get_args(Loss):
+        raise UnknownNameError("loss", loss, get_args(Loss))
+    keys = jax.random.split(jax.random.key(seed), x.shape[0])
+    factors = jax.vmap(lambda key: initial_cholesky_factor(key, x.shape[-1], hidden, activation, offset, length_scale))(
+        keys
+    )
+    schedule = optax.cosine_decay_schedule(learning_rate, updates)
+    optimizer = optax.chain(
+        optax.add_decayed_weights(weight_decay), optax.scale_by_adam(), optax.scale_by_learning_rate(schedule)
+    )
+
+    def total(weights):
+        trained = replace(factors, weights=weights)
+        losses = jax.vmap(partial(field_loss, loss=loss))(trained, x, slope, velocity)
+        return losses.sum(), losses  # subtasks share no weight, so the gradient of the sum trains each alone
+
+    @partial(jax.jit, static_argnames="count")
+    def run(weights, state, count):
+        def update(carry, _):
+            weights, state = carry
+            gradient, losses = jax.grad(total, has_aux=True)(weights)
+            steps, state = optimizer.update(gradient, state, weights)
+            return (optax.apply_updates(weights, steps), state), losses
+
+        return jax.lax.scan(update, (weights, state), length=count)
+
+    weights, state, losses, done = factors.weights, optimizer.init(factors.weights), [], 0
+    while done < updates:
+        count = min(_UPDATES_A_CALL, updates - done)
+        (weights, state), new = run(weights, state, count)
+        losses.append(np.asarray(new))
+        done += count
+        if not np.isfinite(losses[-1]).all():
+            raise TrainingError(
+                f"the metric's loss is not finite after {done} updates (learning rate {learning_rate}). Lower the "
+                "learning rate, or raise the diagonal offset."
+            )
+        if progress is not None:
+            progress(done, float(losses[-1][-1].mean()))
+    return MetricFit(replace(factors, weights=weights), np.concatenate(losses))

@@ -1,0 +1,86 @@
+"""Rolls a skill out from where each demonstration began, and measures how well it is reproduced."""
+
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from .._errors import RolloutError
+from .._tree import Node
+from ..kinematics import Robot
+from ..simulation import Rollout, rollout
+from ._learn import PreparedDemonstrations, control_points
+from ._measures import reproduction_errors
+from ._skill import Skill
+
+
+class Reproduction(NamedTuple):
+    """Rollouts from each demonstration's first configuration and what they measure.
+
+    `rollouts`, a `Rollout` with a leading axis of N; `points` [N, T, K, 3], the control points in the object's frame,
+    m; `errors`, for each demonstration a dict of `dtw_cm`, `frechet_cm`, `goal_cm` (see `reproduction_errors`),
+    `energy_increase`, the largest rise of V in one step relative to V's range, and `limit_margin_rad`, the smallest
+    distance of any joint to its limits (negative if one was crossed).
+    """
+
+    rollouts: Rollout
+    points: np.ndarray
+    errors: tuple[dict[str, float], ...]
+
+    @property
+    def mean(self) -> dict[str, float]:
+        """The mean of each error over the demonstrations."""
+        return {name: float(np.mean([e[name] for e in self.errors])) for name in self.errors[0]}
+
+
+def reproduce(
+    skill: Skill,
+    robot: Robot,
+    prepared: PreparedDemonstrations,
+    *,
+    duration: float = 20.0,
+    dt: float = 0.005,
+    own_targets: bool = True,
+) -> Reproduction:
+    """Reproduce each demonstration from its own first configuration, at rest, with the object where it was then.
+
+    **Arguments**: `prepared`, the demonstrations, by `prepare`; `duration`, `dt`, seconds; `own_targets`, whether the
+    subtasks' targets are where that demonstration ended (so that only the way there is judged) or the skill's.
+    **Returns** a `Reproduction`.
+    **Raises** `RolloutError` if a rollout holds non-finite states, `RobotError` for another robot than the skill's.
+    """
+    start = np.stack([q[0] for q in prepared.joints.q])
+    ends = prepared.subtasks.ends if own_targets else np.broadcast_to(skill.targets, prepared.subtasks.ends.shape)
+    trees = [skill.tree(robot, T, target) for T, target in zip(prepared.poses, ends, strict=True)]
+    stacked = jax.tree.map(lambda *parameters: jnp.asarray(np.stack(parameters), jnp.float32), *trees)
+    rollouts = _rollouts(stacked, jnp.asarray(start, jnp.float32), duration=duration, dt=dt)
+    rollouts = jax.tree.map(np.asarray, rollouts)
+    finite = np.isfinite(rollouts.q).all((1, 2)) & np.isfinite(rollouts.qd).all((1, 2))
+    if not finite.all():
+        raise RolloutError(
+            f"rollouts from demonstrations {np.flatnonzero(~finite).tolist()} became non-finite. Lower dt or the gains "
+            f"(damping_rate * dt is {float(np.max(skill.learned.damping_rate)) * dt:.2g}; above 1 Euler steps diverge)."
+        )
+    offsets = np.asarray(skill.offsets, float)
+    points, errors = [], []
+    for i, (demonstrated, T) in enumerate(zip(prepared.points, prepared.poses, strict=True)):
+        path = (control_points(robot, skill.frames, offsets, rollouts.q[i]) - T[:3, 3]) @ T[:3, :3]
+        points.append(path)
+        energy = rollouts.energy[i].astype(float)
+        span = np.ptp(energy)
+        margin = np.minimum(rollouts.q[i] - np.asarray(robot.lower), np.asarray(robot.upper) - rollouts.q[i]).min()
+        errors.append(
+            {
+                **reproduction_errors(demonstrated, path),
+                "energy_increase": float(max(np.diff(energy).max(), 0) / span) if span > 0 else 0.0,
+                "limit_margin_rad": float(margin),
+            }
+        )
+    return Reproduction(rollouts, np.stack(points), tuple(errors))
+
+
+@partial(jax.jit, static_argnames=("duration", "dt"))
+def _rollouts(trees: Node, start: jax.Array, *, duration: float, dt: float) -> Rollout:
+    return jax.vmap(partial(rollout, duration=duration, dt=dt))(trees, start)

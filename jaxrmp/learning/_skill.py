@@ -1,0 +1,134 @@
+"""A learned skill: specification and parameters, ready to become part of any tree."""
+
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from .._errors import RobotError, ShapeError
+from .._pytree import pytree, static
+from .._task_map import RigidTransform, Selection, TaskMap, Translation, check_rigid, compose
+from .._tree import Batched, Node, pullback
+from ..kinematics import ControlPoints, Robot
+from ..leaves import JointDamping, JointLimit, Learned
+from ._configuration import Configuration, PolicySettings
+
+
+@pytree
+class Skill:
+    """What was learned from a demonstration set.
+
+    `learned`, the K subtasks' leaves as one, stacked on the leading axis; `offsets` [K, 3], the control points in their
+    frames, m; `targets` [K, 3], where they go, in the object's frame, m; `T_base_object` [4, 4], the object's pose
+    in the demonstrations; `frames` and `subtasks`, K names each; `configuration`, what it was learned with;
+    `robot_fingerprint`, the kinematics it was learned on; `source`, where the demonstrations came from.
+    """
+
+    learned: Learned
+    offsets: jax.Array
+    targets: jax.Array
+    T_base_object: jax.Array
+    frames: tuple[str, ...] = static()
+    subtasks: tuple[str, ...] = static()
+    configuration: Configuration = static()
+    robot_fingerprint: str = static()
+    source: str = static(default="unknown")
+
+    def task_map(
+        self, robot: Robot, T_base_object: jax.Array | None = None, targets: jax.Array | None = None
+    ) -> TaskMap:
+        """From joint positions [n] to the control points [K, 3] in the object's frame, each with its target at zero.
+
+        **Arguments**: `T_base_object` [4, 4], where the object is now, default where it was demonstrated; `targets`
+        [K, 3], in the object's frame, m, default the skill's.
+        **Raises** `RobotError` if `robot` has other kinematics than the skill was learned on.
+
+        Rana et al. 2019, section 4: `psi_k = g_k o f_k`.
+        """
+        self.check_robot(robot)
+        points = ControlPoints(robot, self.frames, self.offsets)
+        pose = self.T_base_object if T_base_object is None else T_base_object
+        return compose(points, RigidTransform(pose), Translation(self.targets if targets is None else targets))
+
+    def leaf(self, robot: Robot, T_base_object: jax.Array | None = None, targets: jax.Array | None = None) -> Node:
+        """The learned leaves as a node on joint space, to be added to any tree; arguments as in `task_map`."""
+        return pullback(self.task_map(robot, T_base_object, targets), Batched(self.learned))
+
+    def tree(self, robot: Robot, T_base_object: jax.Array | None = None, targets: jax.Array | None = None) -> Node:
+        """The whole policy: learned leaves, joint damping and joint limits; arguments as in `task_map`."""
+        policy = self.configuration.policy
+        damping = JointDamping(policy.joint_damping_weight, policy.joint_damping_rate)
+        tree = self.leaf(robot, T_base_object, targets) + damping
+        limits = joint_limits(robot, policy)
+        return tree if limits is None else tree + limits
+
+    def with_gains(self, speed: float, damping_rate: float) -> "Skill":
+        """The same skill at another cruise `speed`, m/s, and `damping_rate`, 1/s: geometry stays, tempo changes."""
+        K = len(self.subtasks)
+        dtype = jnp.asarray(self.learned.speed).dtype
+        learned = replace(
+            self.learned, speed=jnp.full(K, speed, dtype), damping_rate=jnp.full(K, damping_rate, dtype)
+        )
+        policy = replace(self.configuration.policy, speed=float(speed), damping_rate=float(damping_rate))
+        return replace(self, learned=learned, configuration=replace(self.configuration, policy=policy))
+
+    def check_robot(self, robot: Robot) -> None:
+        """**Raises** `RobotError` if `robot` has other kinematics than the skill was learned on."""
+        if robot.fingerprint != self.robot_fingerprint:
+            raise RobotError(
+                f"skill {self.configuration.name!r} was learned on robot {self.configuration.robot!r} with kinematic "
+                f"fingerprint {self.robot_fingerprint}, but {robot.name!r} has {robot.fingerprint}. Load the robot it "
+                "was learned on, or learn it again on this one."
+            )
+
+
+def joint_limits(robot: Robot, policy: PolicySettings) -> Node | None:
+    """Joint-limit leaf for those of the robot's joints that have limits; None if no joint has."""
+    lower, upper = np.asarray(robot.lower), np.asarray(robot.upper)
+    limited = np.flatnonzero(np.isfinite(lower) & np.isfinite(upper))
+    if limited.size == 0:
+        return None
+    leaf = JointLimit(
+        lower[limited],
+        upper[limited],
+        weight=policy.joint_limit_weight,
+        sigma=policy.joint_limit_sigma,
+        barrier=policy.joint_limit_barrier,
+        reach=policy.joint_limit_reach,
+    )
+    return leaf if limited.size == robot.num_joints else pullback(Selection(tuple(limited)), leaf)
+
+
+def rigid_targets(offsets: np.ndarray, frames: tuple[str, ...], ends: np.ndarray) -> np.ndarray:
+    """Targets near the mean of several ends that one posture can meet all at once.
+
+    Means of points on a rigid hand are no longer rigid; for the points of each frame this returns the rigid placement
+    of their `offsets` nearest in least squares (Kabsch's algorithm).
+
+    **Arguments**: `offsets` [K, 3], m, points in their `frames`; `ends` [N, K, 3], m, where N demonstrations put them.
+    **Returns** [K, 3], m.
+    **Raises** `ShapeError` if the shapes do not fit together.
+    """
+    offsets, ends = np.asarray(offsets, float), np.asarray(ends, float)
+    if offsets.shape != (len(frames), 3) or ends.shape[1:] != offsets.shape:
+        raise ShapeError(f"offsets {offsets.shape}, {len(frames)} frames and ends {ends.shape} do not fit together.")
+    mean = ends.mean(0)
+    targets = np.empty_like(mean)
+    for frame in set(frames):
+        rows = [k for k, name in enumerate(frames) if name == frame]
+        a, b = offsets[rows], mean[rows]
+        U, _, Vt = np.linalg.svd((a - a.mean(0)).T @ (b - b.mean(0)))
+        flip = np.diag([1.0, 1.0, np.sign(np.linalg.det(U @ Vt))])
+        targets[rows] = (a - a.mean(0)) @ U @ flip @ Vt + b.mean(0)
+    return targets
+
+
+def mean_pose(poses: np.ndarray) -> np.ndarray:
+    """Mean of rigid transforms [N, 4, 4]: mean position, and the rotation nearest to the mean rotation matrix."""
+    poses = check_rigid(poses)
+    U, _, Vt = np.linalg.svd(poses[:, :3, :3].mean(0))
+    T = np.eye(4)
+    T[:3, :3] = U @ np.diag([1.0, 1.0, np.sign(np.linalg.det(U @ Vt))]) @ Vt
+    T[:3, 3] = poses[:, :3, 3].mean(0)
+    return T

@@ -1,0 +1,81 @@
+"""Joint limits, as a metric that grows as a joint moves towards its limit."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from .._errors import RobotError
+from .._gds import SeparableGDS
+from .._pytree import pytree, set_field, static
+
+
+@pytree
+class JointLimit(SeparableGDS):
+    """Keeps every joint inside its range by making motion towards a near limit expensive.
+
+    Per joint, with `s = (q - lower) / (upper - lower)`, `d = 4 s (1 - s)`, `a_u = 1 - exp(-max(qd, 0)^2 / (2 sigma^2))`
+    and `a_l` likewise with `min(qd, 0)`:
+    `b = s (a_u d + 1 - a_u) + (1 - s) (a_l d + 1 - a_l)`, `G = weight b^-2`. At rest or moving away, b is about 1 and
+    the leaf is hardly felt; towards a limit b falls with d. The curvature terms are exact, and `B = damping_rate G`.
+    The potential is the posture spring `1/2 weight stiffness |q - rest|^2`, the published force at zero velocity (at
+    other velocities that has no potential), plus a barrier. The metric alone slows a joint down but lets a steady pull
+    creep over its limit; the barrier `1/2 barrier (max(reach - x, 0) / x)^2`, x the distance to a limit, grows
+    without bound, so that no motion of bounded energy gets there. Within `reach / 50` of the limit and beyond it, it
+    goes on as a straight line: a state outside is pushed back in. `barrier=0` gives the published leaf.
+
+    **Arguments**: `lower`, `upper` [n], rad or m, all finite; `rest` [n], the posture, default the middle; `weight`,
+    the metric far from limits; `sigma`, the speed at which the metric takes effect, rad/s or m/s; `stiffness`, 1/s^2;
+    `damping_rate`, 1/s; `barrier`, energy; `reach`, rad or m, where the barrier begins. All but the ranges may be numbers or [n].
+    **Raises** `RobotError` if a range is empty or not finite.
+
+    RMPflow (Cheng et al. 2018), appendix on experiments; the barrier is the potential of its collision leaf there.
+    """
+
+    lower: jax.Array
+    upper: jax.Array
+    rest: jax.Array | None = None
+    weight: jax.Array | float = 0.01
+    sigma: jax.Array | float = 0.1
+    stiffness: jax.Array | float = 1e-5
+    damping_rate: jax.Array | float = 1e-5
+    barrier: jax.Array | float = 0.01
+    reach: jax.Array | float = 0.1
+    name: str = static(default="joint_limit")
+
+    def __post_init__(self):
+        if not any(isinstance(a, jax.core.Tracer) for a in (self.lower, self.upper)):
+            lower, upper = np.asarray(self.lower), np.asarray(self.upper)
+            bad = np.flatnonzero(~(np.isfinite(lower) & np.isfinite(upper) & (lower < upper)))
+            if bad.size:
+                raise RobotError(
+                    f"joint ranges must be finite with lower < upper; joints {bad.tolist()} have lower "
+                    f"{lower[bad].tolist()} and upper {upper[bad].tolist()}. Select "
+                    "the joints that have limits with pullback(Selection(...), JointLimit(...))."
+                )
+        if self.rest is None:
+            set_field(self, "rest", (self.lower + self.upper) / 2)
+
+    def metric(self, x, xd):
+        s = (x - self.lower) / (self.upper - self.lower)
+        d = 4 * s * (1 - s)
+        towards_upper = 1 - jnp.exp(-(jnp.maximum(xd, 0) ** 2) / (2 * self.sigma**2))
+        towards_lower = 1 - jnp.exp(-(jnp.minimum(xd, 0) ** 2) / (2 * self.sigma**2))
+        b = s * (towards_upper * d + 1 - towards_upper) + (1 - s) * (towards_lower * d + 1 - towards_lower)
+        return (self.weight / (b * b)).astype(x.dtype)
+
+    def potential(self, x):
+        spring = 0.5 * self.weight * self.stiffness * (x - self.rest) ** 2
+        walls = _wall(x - self.lower, self.reach) + _wall(self.upper - x, self.reach)
+        return (spring + self.barrier * walls).astype(x.dtype)
+
+    def damping(self, x, xd):
+        return self.damping_rate * self.metric(x, xd)
+
+
+def _wall(distance: jax.Array, reach: jax.Array | float) -> jax.Array:
+    """`1/2 (max(reach - d, 0) / d)^2` for distance d, continued below `reach / 50` by its tangent."""
+    nearest = reach / 50
+    d = jnp.maximum(distance, nearest)
+    w = jnp.maximum(reach - d, 0) / d
+    slope = -w * reach / (d * d)
+    return 0.5 * w * w + slope * jnp.minimum(distance - nearest, 0)

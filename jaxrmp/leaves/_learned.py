@@ -1,0 +1,49 @@
+"""The leaf that reproduces demonstrations."""
+
+from collections.abc import Callable
+
+import jax
+
+from .._gds import GeometricDynamicalSystem
+from .._linalg import solve_lower, solve_lower_transposed
+from .._pytree import pytree, static
+
+
+@pytree
+class Learned(GeometricDynamicalSystem):
+    """Follows demonstrations to their common end at the origin of its space, from wherever it is.
+
+    `M = L L^T` with `L = cholesky_of(x)` warps the gradient of a potential: the first-order field `-M^-1 grad Phi` is
+    what was fitted. As a second-order policy, `M xdd = -speed damping_rate grad Phi - damping_rate M xd - xi`: it
+    cruises at `speed` times that field, and follows it the closer the larger `damping_rate` is.
+
+    **Arguments**: `potential_of`, `x -> Phi`, slope about 1; `cholesky_of`, `x -> L` [m, m], lower triangular with
+    positive diagonal; `speed`, m/s; `damping_rate`, 1/s. `potential_of` and `cholesky_of` are callable pytrees.
+
+    Rana et al. 2019, equations 1 and 8.
+    """
+
+    potential_of: Callable[[jax.Array], jax.Array]
+    cholesky_of: Callable[[jax.Array], jax.Array]
+    speed: jax.Array | float = 0.2
+    damping_rate: jax.Array | float = 20.0
+    name: str = static(default="learned")
+
+    def metric(self, x, xd):
+        L = self.cholesky_of(x)
+        return L @ L.T
+
+    def potential(self, x):
+        return self.speed * self.damping_rate * self.potential_of(x)
+
+    def damping(self, x, xd):
+        return self.damping_rate * self.metric(x, xd)
+
+    def field(self, x: jax.Array) -> jax.Array:
+        """The learned first-order field `-M^-1 grad Phi` [m], of about unit length away from the goal."""
+        return natural_gradient_field(self.cholesky_of(x), jax.grad(self.potential_of)(x))
+
+
+def natural_gradient_field(L: jax.Array, slope: jax.Array) -> jax.Array:
+    """`-M^-1 slope` for `M = L L^T`, by forward and back substitution; L [..., m, m], slope [..., m]."""
+    return -solve_lower_transposed(L, solve_lower(L, slope))

@@ -1,0 +1,53 @@
+"""Kinematic simulation: joints that do exactly what the policy asks."""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from .._forms import Method
+from .._tree import Node, acceleration
+
+
+class Rollout(NamedTuple):
+    """States along a rollout of T steps, the first being the start.
+
+    `time` [T] s, `q` [T, n], `qd` [T, n] per second, `energy` [T], the tree's Lyapunov function.
+    """
+
+    time: jax.Array
+    q: jax.Array
+    qd: jax.Array
+    energy: jax.Array
+
+
+def rollout(
+    tree: Node,
+    q: jax.Array,
+    qd: jax.Array | None = None,
+    *,
+    duration: float = 20.0,
+    dt: float = 0.005,
+    substeps: int = 1,
+    method: Method = "cholesky",
+) -> Rollout:
+    """Roll a policy out from one state by semi-implicit Euler: `qd += dt qdd; q += dt qd`.
+
+    **Arguments**: `tree`, a node on joint space; `q` [n], rad or m; `qd` [n], per second, default rest; `duration` and
+    `dt`, seconds; `substeps`, policy evaluations per recorded step of `dt`.
+    **Returns** a `Rollout` with `T = round(duration / dt) + 1`. One compiled loop under `jax.jit`; `vmap` over starts.
+    """
+    qd = jnp.zeros_like(q) if qd is None else qd
+    h = dt / substeps
+
+    def advance(state, _):
+        q, qd = state
+        qd = qd + h * acceleration(tree, q, qd, method)
+        return (q + h * qd, qd), None
+
+    def record(state, _):
+        return jax.lax.scan(advance, state, length=substeps)[0], (*state, tree.energy(*state))
+
+    steps = round(duration / dt) + 1
+    _, (q_all, qd_all, energy) = jax.lax.scan(record, (q, qd), length=steps)
+    return Rollout(dt * jnp.arange(steps, dtype=q.dtype), q_all, qd_all, energy)

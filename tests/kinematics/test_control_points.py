@@ -1,0 +1,168 @@
+"""The control point map: Jacobian and Jdot qd against MuJoCo, autodiff and pytorch-kinematics; jit and vmap."""
+
+import os
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxrmp._errors import ShapeError, UnknownNameError
+from jaxrmp._task_map import TaskMap, pushforward_by_autodiff
+from jaxrmp.kinematics import ControlPoints, forward_kinematics, load_robot, panda
+
+FRAMES = {
+    "panda": ("panda_link7", "panda_hand", "panda_link4", "panda_link7", "panda_rightfinger", "panda_link0"),
+    "branching": ("left_tool", "right_finger", "column", "right_hook", "left_tool", "site:left_lower", "world"),
+}
+
+
+COUNT = 200
+
+
+def control_points(robot):
+    frames = FRAMES[robot.name]
+    return ControlPoints(robot, frames, np.random.default_rng(1).uniform(-0.3, 0.3, (len(frames), 3)))
+
+
+@pytest.fixture(scope="module")
+def case(oracle, random_configurations):
+    """Control points of a robot, random states, a compiled batched pushforward in float64 and what it gives there."""
+    points = control_points(oracle.robot)
+    Q = random_configurations(oracle.robot, COUNT)
+    QD = np.random.default_rng(2).normal(size=Q.shape)
+    with jax.enable_x64(True):
+        push = jax.jit(jax.vmap(points.pushforward))
+        return oracle, points, Q, QD, push, push(Q, QD)
+
+
+def test_state_agrees_with_mujoco(case):
+    oracle, points, Q, QD, _, carried = case
+    for q, qd, y, yd, J, c in zip(Q, QD, *map(np.asarray, carried), strict=True):
+        oracle.set(q, qd)
+        for k, (frame, offset) in enumerate(zip(points.frames, points.offsets, strict=True)):
+            T = oracle.pose(frame)
+            J_mujoco, Jdot_mujoco = oracle.jacobians(frame, y[k])
+            np.testing.assert_allclose(y[k], T[:3, :3] @ offset + T[:3, 3], rtol=0, atol=1e-12)
+            np.testing.assert_allclose(J[k], J_mujoco, rtol=0, atol=1e-12)
+            np.testing.assert_allclose(yd[k], J_mujoco @ qd, rtol=0, atol=1e-11)
+            np.testing.assert_allclose(c[k], Jdot_mujoco @ qd, rtol=0, atol=1e-10)
+
+
+def test_analytic_pass_agrees_with_autodiff(case):
+    _, points, Q, QD, _, carried = case
+    with jax.enable_x64(True):
+        generic = jax.jit(jax.vmap(lambda q, qd: pushforward_by_autodiff(points, q, qd)))(Q, QD)
+        np.testing.assert_allclose(jax.jit(points)(Q[0]), carried.y[0], atol=1e-14)
+    for name, ours, theirs in zip(carried._fields, carried, generic, strict=True):
+        np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-11, err_msg=name)
+
+
+def test_curvature_term_agrees_with_finite_differences(case):
+    _, _, Q, QD, push, carried = case
+    with jax.enable_x64(True):
+        Jdot = (push(Q + 1e-6 * QD, QD).J - push(Q - 1e-6 * QD, QD).J) / 2e-6
+    np.testing.assert_allclose(carried.c, np.einsum("tkij,tj->tki", Jdot, QD), atol=1e-7)
+
+
+def test_single_precision_stays_single_and_close(case):
+    _, points, Q, QD, push, _ = case
+    Q, QD = Q.astype("float32"), QD.astype("float32")
+    single = jax.jit(jax.vmap(points.pushforward))(Q, QD)
+    with jax.enable_x64(True):
+        double = push(Q.astype(float), QD.astype(float))
+    assert {x.dtype.name for x in single} == {"float32"}
+    for name, ours, truth, atol in zip(single._fields, single, double, (1e-6, 1e-5, 2e-6, 1e-4), strict=True):
+        np.testing.assert_allclose(ours, truth, rtol=0, atol=atol, err_msg=name)
+
+
+def test_agrees_with_pytorch_kinematics(random_configurations):
+    torch = pytest.importorskip("torch", reason="pytorch-kinematics, the oracle, needs torch")
+    pk = pytest.importorskip("pytorch_kinematics", reason="pytorch-kinematics is the oracle")
+    path, frame = Path(__file__).parent / "models" / "arm.urdf", "tool"
+    if data := os.environ.get("JAXRMP_DATA"):
+        lula = Path(data) / "lula" / "franka.urdf"
+        path, frame = (lula, "panda_rightfingertip") if lula.is_file() else (path, frame)
+    serial = pk.SerialChain(pk.build_chain_from_urdf(path.read_bytes()), frame).to(dtype=torch.float64)
+    robot = load_robot(path)
+    Q = random_configurations(robot, 50)
+    order = [robot.joint_index(name) for name in serial.get_joint_parameter_names()]
+    offset = np.array([0.02, -0.03, 0.05])
+    theirs = serial.forward_kinematics(torch.tensor(Q[:, order])).get_matrix().numpy()
+    J_theirs = serial.jacobian(torch.tensor(Q[:, order]), locations=torch.tensor(offset).expand(50, 3)).numpy()
+    with jax.enable_x64(True):
+        poses = jax.vmap(lambda q: forward_kinematics(robot, q, frame))(Q)
+        carried = jax.vmap(ControlPoints(robot, frame, offset[None]).pushforward)(Q, np.zeros_like(Q))
+    # It reads angles in single precision, so no closer than this.
+    np.testing.assert_allclose(poses, theirs, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(carried.J[:, 0][:, :, order], J_theirs[:, :3], rtol=0, atol=1e-6)
+    others = [i for i in range(robot.num_joints) if i not in order]
+    assert not np.any(carried.J[:, 0][:, :, others])
+
+
+def test_moving_an_offset_or_a_limit_does_not_retrace():
+    traces = []
+
+    @jax.jit
+    def height(points, q):
+        traces.append(None)
+        return points(q)[:, 2].sum() + 0 * points.robot.upper.sum()
+
+    q = jnp.zeros(7)
+    for offset in (0.1, 0.2):
+        points = ControlPoints(panda(), ("panda_hand",), np.array([[0, 0, offset]]))
+        height(points, q)
+        lower = jax.tree.map(lambda x: 0.9 * x, points)
+        height(lower, q)
+    assert len(traces) == 1
+
+
+def test_offsets_are_parameters():
+    with jax.enable_x64(True):
+        q = jnp.asarray([0.1, -0.5, 0.3, -2.0, 0.2, 1.5, 0.4])
+        offsets = np.random.default_rng(0).normal(size=(5, 2, 3))
+
+        def y(offsets):
+            return ControlPoints(panda(), ("panda_hand", "panda_link4"), offsets)(q)
+
+        batch = jax.jit(jax.vmap(y))(offsets)
+        np.testing.assert_allclose(batch, [y(o) for o in offsets], atol=1e-14)
+        points = ControlPoints(panda(), ("panda_hand", "panda_link4"), offsets[0])
+        gradient = jax.grad(lambda points: points(q)[0, 2])(points)
+        R = forward_kinematics(panda(), q, "panda_hand")[:3, :3]
+        np.testing.assert_allclose(gradient.offsets, [R[2], np.zeros(3)], atol=1e-14)
+
+
+def test_gradient_through_the_pushforward(branching, random_configurations):
+    points = ControlPoints(branching, "right_hook", np.full((1, 3), 0.1))
+    with jax.enable_x64(True):
+        q, v = jnp.asarray(random_configurations(branching, 2))
+
+        def energy(q):
+            return sum(jnp.sum(jnp.sin(x)) for x in points.pushforward(q, v))
+
+        value_and_slope = jax.jit(jax.vmap(jax.value_and_grad(energy)))
+        (_, up, down), slopes = value_and_slope(jnp.stack([q, q + 1e-6 * v, q - 1e-6 * v]))
+        np.testing.assert_allclose(slopes[0] @ v, (up - down) / 2e-6, rtol=1e-6)
+
+
+def test_one_name_stands_for_all_offsets_and_origins_are_the_default():
+    robot = panda()
+    assert ControlPoints(robot, "panda_hand", np.zeros((3, 3))).frames == ("panda_hand",) * 3
+    origins = ControlPoints(robot, ["panda_hand", "panda_link4"])
+    assert isinstance(origins, TaskMap)
+    q = jnp.full(7, 0.3)
+    np.testing.assert_allclose(origins(q)[1], forward_kinematics(robot, q, "panda_link4")[:3, 3], atol=1e-6)
+
+
+def test_mistakes_are_named():
+    robot = panda()
+    with pytest.raises(UnknownNameError, match="unknown frame 'hand'"):
+        ControlPoints(robot, ("hand",), np.zeros((1, 3)))
+    with pytest.raises(ShapeError, match=r"offsets has shape \(3, 3\), expected \(2, 3\)"):
+        ControlPoints(robot, ("panda_hand", "panda_link4"), np.zeros((3, 3)))
+    with pytest.raises(ShapeError, match=r"offsets has shape \(3,\)"):
+        ControlPoints(robot, "panda_hand", np.zeros(3))
+    with pytest.raises(ShapeError, match=r"xd has shape \(6,\), expected \(7,\)"):
+        ControlPoints(robot, "panda_hand").pushforward(jnp.zeros(7), jnp.zeros(6))
