@@ -14,6 +14,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 
 from ._errors import RigidTransformError, ShapeError
 from ._pytree import pytree, set_field, static
@@ -103,11 +104,11 @@ class Affine(TaskMap):
     b: jax.Array
 
     def __call__(self, x):
-        return self.A @ x + self.b
+        return jnp.asarray(self.A, x.dtype) @ x + jnp.asarray(self.b, x.dtype)
 
     def pushforward(self, x, xd):
         A = jnp.asarray(self.A, x.dtype)
-        return Pushforward(A @ x + self.b, A @ xd, A, jnp.zeros(A.shape[:1], x.dtype))
+        return Pushforward(self(x), A @ xd, A, jnp.zeros(A.shape[:1], x.dtype))
 
 
 @pytree
@@ -123,7 +124,7 @@ class RigidTransform(TaskMap):
     T_world_frame: jax.Array
 
     def __post_init__(self):
-        if not isinstance(self.T_world_frame, jax.core.Tracer):
+        if not isinstance(self.T_world_frame, Tracer):
             check_rigid(self.T_world_frame, "T_world_frame")
         set_field(self, "T_world_frame", jnp.asarray(self.T_world_frame))
 

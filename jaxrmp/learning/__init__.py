@@ -38,6 +38,7 @@ from ._preprocessing import Preprocessed as Preprocessed
 from ._preprocessing import PreprocessingReport as PreprocessingReport
 from ._preprocessing import PreprocessingSettings as PreprocessingSettings
 from ._preprocessing import preprocess as preprocess
+from ._report import learning_report as learning_report
 from ._reproduce import Reproduction as Reproduction
 from ._reproduce import reproduce as reproduce
 from ._skill import Skill as Skill

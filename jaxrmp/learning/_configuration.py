@@ -111,7 +111,8 @@ class Configuration:
 
 
 def load_configuration(path: str | Path, overrides: Mapping[str, Any] | None = None) -> Configuration:
-    """Read a TOML configuration; `overrides` are values by dotted key, such as `{"metric.updates": 500}`.
+    """Read a TOML configuration; `overrides` are values by dotted key, such as
+    `{"metric.updates": 500, "subtasks.gripper.frame": "panda_hand"}`.
 
     **Raises** `ConfigurationError` if the file is missing or unreadable, or a value has the wrong type;
     `UnknownNameError` for a key that is not known.
@@ -124,13 +125,33 @@ def load_configuration(path: str | Path, overrides: Mapping[str, Any] | None = N
         raise ConfigurationError(f"configuration {str(path)!r} is no valid TOML: {error}.") from error
     for key, value in (overrides or {}).items():
         *sections, last = key.split(".")
-        table = content
+        table: Any = content
         for section in sections:
-            table = table.setdefault(section, {})
-            if not isinstance(table, dict):
-                raise ConfigurationError(f"{key!r} does not name a value: {section!r} is no section.")
+            table = _section(table, section, key)
         table[last] = value
     return configuration_from_dict(content)
+
+
+def _section(table: dict[str, Any], section: str, key: str) -> dict[str, Any]:
+    """The section of a table, made if need be; of a list of named tables, as `subtasks` is, a dict of them by name."""
+    inner = table.setdefault(section, {})
+    if isinstance(inner, list) and all(isinstance(entry, dict) for entry in inner):
+        return _Named(inner)
+    if not isinstance(inner, dict):
+        raise ConfigurationError(f"{key!r} does not name a value: {section!r} is no section.")
+    return inner
+
+
+class _Named(dict):
+    """A list of tables seen by their names."""
+
+    def __init__(self, tables: list[dict[str, Any]]):
+        super().__init__({str(table.get("name")): table for table in tables})
+
+    def setdefault(self, key, default=None):
+        if key not in self:
+            raise UnknownNameError("subtask", key, self)
+        return self[key]
 
 
 def configuration_from_dict(content: Mapping[str, Any]) -> Configuration:

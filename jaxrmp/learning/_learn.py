@@ -83,13 +83,12 @@ def learn(
         nominal.append(nominal_demonstration(list(positions))[0])
         settings = asdict(configuration.potential)
         directions = prepared.subtasks.directions[k]
-        potentials.append(
-            choose_potential(positions, directions, nominal[-1], seed=configuration.seed, **settings)
-        )
+        potentials.append(choose_potential(positions, directions, nominal[-1], seed=configuration.seed, **settings))
     progress("potentials", 1.0)
     lap("potentials")
     metric = _train(configuration, prepared.subtasks, potentials, progress)
     lap("metrics")
+    seconds |= {"metric_compilation": metric.compilation_seconds, "metric_loop": metric.loop_seconds}
     policy = configuration.policy
     learned = Learned(
         _stacked([choice.fit.potential for choice in potentials]),
@@ -116,8 +115,8 @@ def learn(
 def prepare(configuration: Configuration, robot: Robot, demonstrations: DemonstrationSet) -> PreparedDemonstrations:
     """Preprocess demonstrations and bring the control points into the object's frame.
 
-    The object's frame is its pose at each demonstration's first sample; without a tracked object it is the base axes
-    with their origin at the mean final position of the first control point.
+    The object's frame is its pose at each demonstration's first sample; if the configuration or the whole set has no
+    tracked object, it is the base axes with their origin at the mean final position of the first control point.
 
     **Raises** `DemonstrationError` if the joints are not the robot's, and what `preprocess` and
     `subtask_trajectories` raise.
@@ -134,7 +133,7 @@ def prepare(configuration: Configuration, robot: Robot, demonstrations: Demonstr
     frames = tuple(subtask.frame for subtask in configuration.subtasks)
     offsets = np.array([subtask.offset for subtask in configuration.subtasks])
     base_points = [control_points(robot, frames, offsets, q) for q in joints.q]
-    if configuration.object:
+    if configuration.object and demonstrations.object_names:
         poses = np.stack([demonstration.pose(configuration.object) for demonstration in demonstrations])
     else:
         poses = np.tile(np.eye(4), (len(base_points), 1, 1))
@@ -182,7 +181,9 @@ def _train(
     potentials: list[PotentialChoice],
     progress: Progress,
 ) -> MetricFit:
-    x, velocity = (jnp.asarray(a, jnp.float32) for a in training_samples(subtasks, configuration.metric, configuration.seed))
+    x, velocity = (
+        jnp.asarray(a, jnp.float32) for a in training_samples(subtasks, configuration.metric, configuration.seed)
+    )
     potential = _stacked([choice.fit.potential for choice in potentials])
     slope = jax.jit(jax.vmap(lambda potential, x: jax.vmap(jax.grad(potential))(x)))(potential, x)
     settings = asdict(configuration.metric)

@@ -61,10 +61,8 @@ class CholeskyFactor:
     offset: float = static(default=1e-3)
 
     def __call__(self, x: jax.Array) -> jax.Array:
-        return self._network().apply({"params": self.weights}, x / jnp.asarray(self.length_scale, x.dtype))
-
-    def _network(self):
-        return CholeskyNetwork(self.dimension, self.hidden, self.activation, self.offset)
+        network = CholeskyNetwork(self.dimension, self.hidden, self.activation, self.offset)
+        return jnp.asarray(network.apply({"params": self.weights}, x / jnp.asarray(self.length_scale, x.dtype)))
 
 
 def initial_cholesky_factor(

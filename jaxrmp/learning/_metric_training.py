@@ -1,5 +1,7 @@
-"""Fits the metrics of all subtasks at once to the directions of their demonstrations. The only module that knows optax."""
+"""Fits the metrics of all subtasks at once to the directions of their demonstrations. Only this module knows optax."""
 
+import math
+import time
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
@@ -21,14 +23,16 @@ except ImportError as error:
 Loss = Literal["smooth_l1", "l2"]
 
 
-_UPDATES_A_CALL = 50  # one compiled call, then progress is shown
+_UPDATES_A_CALL = 100  # in one compiled call, then progress is shown; fewer if that does not divide the updates
 
 
 class MetricFit(NamedTuple):
-    """Trained factors, stacked over subtasks, and the loss of every update, [updates, K]."""
+    """Trained factors, stacked over subtasks; the loss of every update, [updates, K]; and the time it took, s."""
 
     factors: CholeskyFactor
     losses: np.ndarray
+    compilation_seconds: float
+    loop_seconds: float
 
 
 def field_loss(
@@ -84,22 +88,24 @@ def train_metrics(
         losses = jax.vmap(partial(field_loss, loss=loss))(trained, x, slope, velocity)
         return losses.sum(), losses  # subtasks share no weight, so the gradient of the sum trains each alone
 
-    @partial(jax.jit, static_argnames="count")
-    def run(weights, state, count):
+    def run(weights, state):
         def update(carry, _):
             weights, state = carry
             gradient, losses = jax.grad(total, has_aux=True)(weights)
             steps, state = optimizer.update(gradient, state, weights)
             return (optax.apply_updates(weights, steps), state), losses
 
-        return jax.lax.scan(update, (weights, state), length=count)
+        return jax.lax.scan(update, (weights, state), length=a_call)
 
-    weights, state, losses, done = factors.weights, optimizer.init(factors.weights), [], 0
-    while done < updates:
-        count = min(_UPDATES_A_CALL, updates - done)
-        (weights, state), new = run(weights, state, count)
+    a_call = math.gcd(updates, _UPDATES_A_CALL)
+    carry = (factors.weights, optimizer.init(factors.weights))
+    clock = time.perf_counter()
+    compiled = jax.jit(run).lower(*carry).compile()
+    compilation_seconds, clock = time.perf_counter() - clock, time.perf_counter()
+    losses = []
+    for done in range(a_call, updates + 1, a_call):
+        carry, new = compiled(*carry)
         losses.append(np.asarray(new))
-        done += count
         if not np.isfinite(losses[-1]).all():
             raise TrainingError(
                 f"the metric's loss is not finite after {done} updates (learning rate {learning_rate}). Lower the "
@@ -107,4 +113,5 @@ def train_metrics(
             )
         if progress is not None:
             progress(done, float(losses[-1][-1].mean()))
-    return MetricFit(replace(factors, weights=weights), np.concatenate(losses))
+    loop_seconds = time.perf_counter() - clock
+    return MetricFit(replace(factors, weights=carry[0]), np.concatenate(losses), compilation_seconds, loop_seconds)

@@ -101,7 +101,7 @@ def fit_potential(
             f"the potential's convex program ended with status {status!r} at kernel width {width} m, not 'optimal'. "
             "Try another kernel width, or check the nominal demonstration for jumps."
         )
-    biases = cumulate @ np.maximum(steps.value, 0)
+    biases = cumulate @ np.maximum(np.asarray(steps.value), 0)
     slopes = A @ biases + c
     potential = NominalPotential(
         jnp.asarray(points), jnp.asarray(biases), jnp.asarray(slopes[-1]), jnp.asarray(width), jnp.asarray(sharpness)

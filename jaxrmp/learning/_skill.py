@@ -67,9 +67,7 @@ class Skill:
         """The same skill at another cruise `speed`, m/s, and `damping_rate`, 1/s: geometry stays, tempo changes."""
         K = len(self.subtasks)
         dtype = jnp.asarray(self.learned.speed).dtype
-        learned = replace(
-            self.learned, speed=jnp.full(K, speed, dtype), damping_rate=jnp.full(K, damping_rate, dtype)
-        )
+        learned = replace(self.learned, speed=jnp.full(K, speed, dtype), damping_rate=jnp.full(K, damping_rate, dtype))
         policy = replace(self.configuration.policy, speed=float(speed), damping_rate=float(damping_rate))
         return replace(self, learned=learned, configuration=replace(self.configuration, policy=policy))
 

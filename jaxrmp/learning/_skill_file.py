@@ -69,7 +69,9 @@ def load_skill(path: str | os.PathLike) -> Skill:
     except FileNotFoundError as error:
         raise SkillFileError(f"there is no skill file {str(path)!r}. `jaxrmp learn` writes one.") from error
     except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile, zipfile.LargeZipFile) as error:
-        raise SkillFileError(f"{str(path)!r} is no skill file, or is damaged: {error}. Learn the skill again.") from error
+        raise SkillFileError(
+            f"{str(path)!r} is no skill file, or is damaged: {error}. Learn the skill again."
+        ) from error
     try:
         header: dict[str, Any] = json.loads(content.pop(_HEADER).tobytes())
         kind = header["format"]
@@ -77,8 +79,9 @@ def load_skill(path: str | os.PathLike) -> Skill:
         raise SkillFileError(f"{str(path)!r} is an NPZ file but no skill: it has no readable header.") from error
     if kind != FORMAT or header.get("version") != VERSION:
         raise SkillFileError(
-            f"{str(path)!r} is {kind!r} version {header.get('version')!r}; this jaxrmp ({__version__}) reads {FORMAT!r} "
-            f"version {VERSION}. It was written by jaxrmp {header.get('jaxrmp', 'unknown')}: use that, or learn again."
+            f"{str(path)!r} is {kind!r} version {header.get('version')!r}; this jaxrmp ({__version__}) reads "
+            f"{FORMAT!r} version {VERSION}. It was written by jaxrmp {header.get('jaxrmp', 'unknown')}: use that, or "
+            "learn the skill again."
         )
     try:
         return _skill_from(header, content)
@@ -95,7 +98,8 @@ def _skill_from(header: dict[str, Any], arrays: dict[str, np.ndarray]) -> Skill:
         raise SkillFileError(f"header entries missing or unknown: {sorted(unknown)}.")
     found = {name: [str(a.dtype), list(a.shape)] for name, a in arrays.items()}
     if found != header["arrays"]:
-        differing = {name for name in found.keys() | header["arrays"].keys() if found.get(name) != header["arrays"].get(name)}
+        told = header["arrays"]
+        differing = {name for name in found.keys() | told.keys() if found.get(name) != told.get(name)}
         raise SkillFileError(f"arrays missing, unknown or of another shape: {sorted(differing)}.")
     left = {name: jnp.asarray(a) for name, a in arrays.items()}
     potential = NominalPotential(*(left.pop(f"potential/{name}") for name in _POTENTIAL))

@@ -31,4 +31,4 @@ class JointDamping(SeparableGDS):
         return jnp.zeros_like(x)
 
     def damping(self, x, xd):
-        return self.damping_rate * self.metric(x, xd)
+        return (self.damping_rate * self.metric(x, xd)).astype(x.dtype)

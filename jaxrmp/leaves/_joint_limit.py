@@ -3,6 +3,7 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 
 from .._errors import RobotError
 from .._gds import SeparableGDS
@@ -25,7 +26,8 @@ class JointLimit(SeparableGDS):
 
     **Arguments**: `lower`, `upper` [n], rad or m, all finite; `rest` [n], the posture, default the middle; `weight`,
     the metric far from limits; `sigma`, the speed at which the metric takes effect, rad/s or m/s; `stiffness`, 1/s^2;
-    `damping_rate`, 1/s; `barrier`, energy; `reach`, rad or m, where the barrier begins. All but the ranges may be numbers or [n].
+    `damping_rate`, 1/s; `barrier`, energy; `reach`, rad or m, where the barrier begins. All but the ranges may be
+    numbers or [n].
     **Raises** `RobotError` if a range is empty or not finite.
 
     RMPflow (Cheng et al. 2018), appendix on experiments; the barrier is the potential of its collision leaf there.
@@ -43,7 +45,7 @@ class JointLimit(SeparableGDS):
     name: str = static(default="joint_limit")
 
     def __post_init__(self):
-        if not any(isinstance(a, jax.core.Tracer) for a in (self.lower, self.upper)):
+        if not any(isinstance(a, Tracer) for a in (self.lower, self.upper)):
             lower, upper = np.asarray(self.lower), np.asarray(self.upper)
             bad = np.flatnonzero(~(np.isfinite(lower) & np.isfinite(upper) & (lower < upper)))
             if bad.size:
@@ -69,7 +71,7 @@ class JointLimit(SeparableGDS):
         return (spring + self.barrier * walls).astype(x.dtype)
 
     def damping(self, x, xd):
-        return self.damping_rate * self.metric(x, xd)
+        return (self.damping_rate * self.metric(x, xd)).astype(x.dtype)
 
 
 def _wall(distance: jax.Array, reach: jax.Array | float) -> jax.Array:

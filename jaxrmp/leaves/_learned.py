@@ -34,10 +34,10 @@ class Learned(GeometricDynamicalSystem):
         return L @ L.T
 
     def potential(self, x):
-        return self.speed * self.damping_rate * self.potential_of(x)
+        return (self.speed * self.damping_rate * self.potential_of(x)).astype(x.dtype)
 
     def damping(self, x, xd):
-        return self.damping_rate * self.metric(x, xd)
+        return (self.damping_rate * self.metric(x, xd)).astype(x.dtype)
 
     def field(self, x: jax.Array) -> jax.Array:
         """The learned first-order field `-M^-1 grad Phi` [m], of about unit length away from the goal."""

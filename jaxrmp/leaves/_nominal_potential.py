@@ -36,7 +36,8 @@ class NominalPotential:
         # Far away every kernel underflows, and the plain quotient of kernels with it; the softmax does not.
         weights = jax.nn.softmax(-square / (2 * self.width**2))
         at_end = jnp.exp(-square[-1] / (2 * self.width**2)) * (offset[-1] @ jnp.asarray(self.end_slope, x.dtype))
-        return weights @ (log_cosh_of_square(square, self.sharpness) + self.biases).astype(x.dtype) - at_end
+        valley = weights @ (log_cosh_of_square(square, self.sharpness) + self.biases)
+        return (valley - at_end).astype(x.dtype)
 
 
 def log_cosh_of_square(square: jax.Array, sharpness: jax.Array | float) -> jax.Array:

@@ -26,7 +26,7 @@ def everything(A, unsymmetric, b):
 @pytest.mark.parametrize("n", SIZES)
 def test_factors_and_solutions_agree_with_lapack_in_batches(n):
     rng = np.random.default_rng(n)
-    for shape in [(2, 3)] if n not in (1, 3, 8, 9) else [(2, 3), (5,), ()]:
+    for shape in [(2, 3)] if n not in (3, 9) else [(2, 3), (5,), ()]:
         A, b = spd(rng, shape, n), rng.normal(size=(*shape, n))
         skew = rng.normal(size=(*shape, n, n))
         unsymmetric = A + skew - np.swapaxes(skew, -1, -2)  # its symmetric part is A: no pivoting is needed
@@ -44,7 +44,7 @@ def test_factors_and_solutions_agree_with_lapack_in_batches(n):
         np.testing.assert_allclose(by_lu, lapack(unsymmetric), rtol=1e-11, atol=1e-12)
 
 
-@pytest.mark.parametrize("n", [1, 3, 7, 10])
+@pytest.mark.parametrize("n", [3, 9])
 def test_gradients_agree_with_those_of_jax_lapack(n):
     rng = np.random.default_rng(n)
     root, b, weights = rng.normal(size=(n, n)), rng.normal(size=n), rng.normal(size=(n, n))

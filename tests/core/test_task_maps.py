@@ -95,7 +95,10 @@ def test_maps_of_points_agree_with_autodiff_point_by_point(random_map):
         "translation": (Translation(origin), lambda k: Translation(origin[k])),
         "pointwise distance": (Pointwise(Distance(origin[0], 0.1)), lambda k: Distance(origin[0], 0.1)),
         "pointwise plain": (Pointwise(bend), lambda k: bend),
-        "composition": (compose(rigid, Translation(origin), Pointwise(bend)), lambda k: lambda x: bend(rigid(x) - origin[k])),
+        "composition": (
+            compose(rigid, Translation(origin), Pointwise(bend)),
+            lambda k: lambda x: bend(rigid(x) - origin[k]),
+        ),
     }
     x, xd = (jnp.asarray(rng.normal(size=(4, 3))) for _ in range(2))
 
@@ -219,5 +222,5 @@ def test_single_precision_stays_single():
     x = jnp.asarray([0.1, 0.2, 0.3], jnp.float32)
     maps = [Identity(), Selection((1,)), RigidTransform(pose()), Translation(np.ones(3)), Distance(np.ones(3), 0.5)]
     for psi in [*maps, Affine(np.eye(3), np.ones(3))]:
-        for part, a in zip("y yd J c".split(), pushforward(psi, x, x), strict=True):
+        for part, a in zip(["y", "yd", "J", "c"], pushforward(psi, x, x), strict=True):
             assert a.dtype == jnp.float32, f"{part} of {psi}"

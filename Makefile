@@ -1,0 +1,50 @@
+# `make demo` and `make test` do all of the set-up themselves: a virtual environment and a pinned installation.
+PYTHON ?= python3
+VENV ?= .venv
+BIN := $(VENV)/bin
+DATA := $(abspath ../shared/data)
+
+# The real recordings, where they are at hand; without them demos are synthetic and some tests are skipped.
+ifndef JAXRMP_DATA
+ifneq ($(wildcard $(DATA)/franka),)
+export JAXRMP_DATA := $(DATA)
+endif
+endif
+# Compiled programs are kept between runs, beside the virtual environment.
+export JAX_COMPILATION_CACHE_DIR ?= $(abspath .jax_cache)
+export JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS ?= 0
+
+.PHONY: demo test check format clean
+
+demo: $(VENV)/.installed-demo
+	$(BIN)/jaxrmp learn configs/drawer_closing.toml --out out/drawer_closing
+	$(BIN)/jaxrmp reproduce out/drawer_closing/drawer_closing.skill.npz --json out/drawer_closing/reproduction.json
+	@echo "The skill, its report and pictures are in out/drawer_closing."
+
+test: $(VENV)/.installed-dev
+	$(BIN)/python -m pytest
+
+check: $(VENV)/.installed-dev
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/pyright --pythonpath $(BIN)/python
+
+format: $(VENV)/.installed-dev
+	$(BIN)/ruff format .
+	$(BIN)/ruff check --fix .
+
+$(BIN)/python:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+		{ echo "jaxrmp needs Python 3.11 or newer, and '$(PYTHON)' is older: make PYTHON=python3.12 ..."; exit 1; }
+	$(PYTHON) -m venv $(VENV)
+
+$(VENV)/.installed-demo: $(BIN)/python pyproject.toml constraints.txt
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[all]'
+	@touch $@
+
+$(VENV)/.installed-dev: $(BIN)/python pyproject.toml constraints.txt
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[all,torch,dev]'
+	@touch $@
+
+clean:
+	rm -rf $(VENV) .jax_cache out dist .pytest_cache .ruff_cache

@@ -1,0 +1,79 @@
+"""Progress on the terminal, and files that say what made them."""
+
+import json
+import platform
+import sys
+from collections.abc import Callable
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+from .._files import atomic_write
+from ..learning import Configuration, configuration_to_dict
+
+_PACKAGES = ("jaxrmp", "jax", "jaxlib", "numpy", "flax", "optax", "cvxpy", "clarabel", "mujoco")
+
+
+def progress_bar() -> Callable[[str, float], None]:
+    """A function `(step, fraction)` that draws a bar for the steps of learning; without a terminal, a line a step."""
+    if not sys.stderr.isatty():
+        return _progress_lines()
+    from tqdm import tqdm
+
+    bar = tqdm(total=1.0, bar_format="{desc:<14} {percentage:3.0f} %|{bar}| {elapsed}", file=sys.stderr, leave=False)
+
+    def show(step: str, fraction: float) -> None:
+        bar.set_description_str(step, refresh=False)
+        bar.n = fraction
+        bar.refresh()
+        if step == "done":
+            bar.close()
+
+    return show
+
+
+def _progress_lines() -> Callable[[str, float], None]:
+    seen: set[str] = set()
+
+    def show(step: str, fraction: float) -> None:
+        if step not in seen:
+            seen.add(step)
+            print(f"{step} ...", file=sys.stderr, flush=True)
+
+    return show
+
+
+def write_json(content: Any, path: Path) -> None:
+    """Write `content` as indented JSON, whole or not at all; numbers must be finite."""
+    text = json.dumps(content, indent=1, allow_nan=False)
+    with atomic_write(path) as file:
+        file.write(text.encode() + b"\n")
+
+
+def made_by(command: str, configuration: Configuration, source: str) -> dict[str, Any]:
+    """What made an output folder: command, configuration, demonstrations, versions of everything, machine."""
+    versions = {}
+    for package in _PACKAGES:
+        try:
+            versions[package] = version(package)
+        except PackageNotFoundError:
+            continue
+    return {
+        "command": command,
+        "seed": configuration.seed,
+        "demonstrations": source,
+        "configuration": configuration_to_dict(configuration),
+        "versions": {"python": platform.python_version(), **versions},
+        "machine": f"{platform.system()} {platform.machine()}",
+    }
+
+
+def error_table(errors: list[dict[str, Any]], mean: dict[str, float]) -> str:
+    """Reproduction errors as a table, one row a demonstration and one for the mean."""
+    lines = ["demo    dtw_cm  frechet_cm  goal_cm  energy_increase  limit_margin_rad"]
+    for name, e in [(str(e["demo"]), e) for e in errors] + [("mean", mean)]:
+        lines.append(
+            f"{name:<6}{e['dtw_cm']:>8.2f}{e['frechet_cm']:>12.2f}{e['goal_cm']:>9.3f}{e['energy_increase']:>17.1e}"
+            f"{e['limit_margin_rad']:>18.3f}"
+        )
+    return "\n".join(lines)

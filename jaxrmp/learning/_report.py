@@ -1,0 +1,78 @@
+"""The learning report: what happened while a skill was learned, as plain data."""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from ._learn import Learning
+from ._potential_choice import PotentialChoice, WidthTrial
+
+
+def learning_report(learning: Learning) -> dict[str, Any]:
+    """Everything worth knowing of a `Learning`, as dictionaries, lists, numbers and strings, fit for JSON.
+
+    Per subtask: nominal demonstration, kernel width and all widths tried, solver status and objective, residual slope
+    at the end before its correction, Hessian eigenvalues at the goal (1/m), share of samples that no metric can turn
+    (beyond 90 degrees), basin, first and last loss. Lengths in metres, times in seconds. A figure that does not exist
+    is null.
+    """
+    prepared = learning.prepared
+    spread = np.linalg.norm(prepared.subtasks.ends - prepared.subtasks.ends.mean(0), axis=-1)
+    subtasks = [
+        {
+            "name": name,
+            "nominal_demonstration": learning.nominal[k],
+            "potential": _potential(learning.potentials[k]),
+            "metric": {
+                "first_loss": float(learning.metric.losses[0, k]),
+                "last_loss": float(learning.metric.losses[-1, k]),
+                "losses": [float(v) for v in learning.metric.losses[:: max(len(learning.metric.losses) // 100, 1), k]],
+            },
+        }
+        for k, name in enumerate(learning.skill.subtasks)
+    ]
+    demonstrations = [
+        {**report._asdict(), "end_spread": [float(v) for v in spread[i]]}
+        for i, report in enumerate(prepared.joints.reports)
+    ]
+    report = {
+        "skill": learning.skill.configuration.name,
+        "source": learning.skill.source,
+        "subtasks": subtasks,
+        "demonstrations": demonstrations,
+        "seconds": learning.seconds,
+    }
+    return _without_nan(report)
+
+
+def _potential(choice: PotentialChoice) -> dict[str, Any]:
+    fit, trial = choice.fit, choice.trial
+    return {
+        "status": fit.status,
+        "objective": fit.objective,
+        "direction_rms": fit.direction_rms,
+        "end_slope": fit.end_slope,
+        "goal_hessian_eigenvalues": list(fit.goal_hessian_eigenvalues),
+        **_trial(trial),
+        "widths_tried": [_trial(t) for t in choice.trials],
+    }
+
+
+def _trial(trial: WidthTrial) -> dict[str, Any]:
+    basin = None
+    if trial.basin is not None:
+        basin = {
+            "starts": trial.basin.starts,
+            "share_reached": trial.basin.share_reached,
+            "rest_points": [{"position": list(x), "share": share} for x, share in trial.basin.rest_points],
+        }
+    return {**trial._asdict(), "basin": basin}
+
+
+def _without_nan(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {k: _without_nan(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_without_nan(v) for v in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -1,0 +1,32 @@
+"""How the training of the metrics went."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..learning import Learning
+from ._style import dress, legend_below, new_figure, series_style
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+def loss_figure(learning: Learning) -> "Figure":
+    """The regression loss of every subtask's metric against the training update.
+
+    **Returns** a matplotlib `Figure`. **Raises** `MissingDependencyError` without matplotlib.
+
+    Rana et al. 2019, section 3.2.
+    """
+    figure = new_figure(7.0, 4.2)
+    axes = figure.subplots()
+    losses, names = learning.metric.losses, learning.skill.subtasks
+    updates = np.arange(1, len(losses) + 1)
+    for loss, name, style in zip(losses.T, names, series_style(len(names)), strict=True):
+        axes.semilogy(updates, loss, linewidth=1.3, label=name, **style)
+    kind = {"smooth_l1": "Huber loss", "l2": "squared loss"}.get(learning.skill.configuration.metric.loss, "loss")
+    dress(axes, "update", f"{kind} of the warped field", learning.skill.configuration.name)
+    axes.set_xlim(0, len(losses))
+    axes.set_ylim(10 ** np.floor(np.log10(losses.min())), 10 ** np.ceil(np.log10(losses.max())))  # whole decades
+    legend_below(figure, axes)
+    return figure

@@ -1,0 +1,54 @@
+"""Figures as files."""
+
+import os
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from .._files import atomic_write
+from ..learning import Learning, PreparedDemonstrations, Reproduction
+from ._energy import energy_figure
+from ._loss import loss_figure
+from ._triangles import triangle_figure
+from ._vector_field import vector_field_figure
+from ._widths import width_figure
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+def save_learning_figures(learning: Learning, folder: str | os.PathLike) -> list[Path]:
+    """Write the figures of a learned skill to a folder, made if need be: fields, kernel widths and training losses.
+
+    **Returns** the paths of the PNG files, none of them ever half written.
+    **Raises** `MissingDependencyError` without matplotlib.
+    """
+    folder = Path(folder)
+    paths = []
+    for k, name in enumerate(learning.skill.subtasks):
+        safe = re.sub(r"[^\w-]+", "_", name)
+        paths.append(_save(vector_field_figure(learning, k), folder / f"vector_field_{k}_{safe}.png"))
+    paths.append(_save(width_figure(learning), folder / "kernel_width.png"))
+    paths.append(_save(loss_figure(learning), folder / "loss.png"))
+    return paths
+
+
+def save_reproduction_figures(
+    prepared: PreparedDemonstrations, reproduction: Reproduction, folder: str | os.PathLike
+) -> list[Path]:
+    """Write the figures of a reproduction to a folder, made if need be: paths in space, and energy over time.
+
+    **Returns** the paths of the PNG files, none of them ever half written.
+    **Raises** `MissingDependencyError` without matplotlib, and what `triangle_figure` raises.
+    """
+    folder = Path(folder)
+    return [
+        _save(triangle_figure(prepared, reproduction), folder / "triangles.png"),
+        _save(energy_figure(reproduction), folder / "energy.png"),
+    ]
+
+
+def _save(figure: "Figure", path: Path) -> Path:
+    with atomic_write(path) as file:
+        figure.savefig(file, format="png", dpi=150)
+    return path

@@ -1,0 +1,142 @@
+"""The command line as a user calls it, on synthetic demonstrations."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import jax
+import numpy as np
+import pytest
+
+from jaxrmp.cli import build_parser, main
+from jaxrmp.cli._overrides import parse_overrides
+
+CONFIG = str(Path(__file__).parents[2] / "configs" / "drawer_closing.toml")
+FAST = ["--metric.updates", "100", "--potential.widths", "[0.05]", "--potential.basin_starts=100"]
+
+
+@pytest.fixture(scope="module")
+def demos(tmp_path_factory) -> str:
+    folder = tmp_path_factory.mktemp("demos") / "drawer"
+    assert main(["demonstrate", "drawer_closing", str(folder)]) == 0
+    return str(folder)
+
+
+@pytest.fixture(scope="module")
+def learned(demos, tmp_path_factory) -> Path:
+    out = tmp_path_factory.mktemp("learned")
+    assert main(["learn", CONFIG, "--demos", demos, "--out", str(out), *FAST]) == 0
+    return out
+
+
+def test_learn_writes_skill_report_pictures_and_what_made_them(learned):
+    assert {p.name for p in learned.iterdir()} == {
+        "drawer_closing.skill.npz",
+        "learning_report.json",
+        "made_by.json",
+        "figures",
+    }
+    made_by = json.loads((learned / "made_by.json").read_text())
+    assert made_by["configuration"]["metric"]["updates"] == 100
+    assert made_by["demonstrations"] == "synthetic"
+    report = json.loads((learned / "learning_report.json").read_text())
+    assert len(report["demonstrations"]) == 6
+    assert report["reproduction"]["mean"]["goal_cm"] < 0.5
+
+
+def test_reproduce_prints_and_writes_the_same_errors(learned, demos, tmp_path, capsys):
+    skill, errors, rollouts = str(learned / "drawer_closing.skill.npz"), tmp_path / "e.json", tmp_path / "r.npz"
+    command = ["reproduce", skill, "--demos", demos, "--json", str(errors), "--save", str(rollouts)]
+    assert main([*command, "--figures", str(tmp_path / "figures")]) == 0
+    result = json.loads(errors.read_text())
+    keys = {"demo", "dtw_cm", "frechet_cm", "goal_cm", "energy_increase", "limit_margin_rad"}
+    assert [set(e) for e in result["per_demo"]] == [keys] * 6
+    assert set(result["mean"]) == keys - {"demo"}
+    assert result["mean"]["dtw_cm"] == pytest.approx(np.mean([e["dtw_cm"] for e in result["per_demo"]]))
+    table = capsys.readouterr().out.splitlines()
+    assert table[-1].split()[:2] == ["mean", f"{result['mean']['dtw_cm']:.2f}"]
+    with np.load(rollouts) as saved:
+        assert saved["q_5"].shape == saved["qd_5"].shape == (4001, 7)
+        assert saved["time_5"][-1] == pytest.approx(20.0)
+    assert list((tmp_path / "figures").glob("*.png"))
+
+
+def test_a_synthetic_source_can_be_named(learned, capsys):
+    skill = str(learned / "drawer_closing.skill.npz")
+    assert main(["reproduce", skill, "--demos", "synthetic:drawer_closing", "--duration", "1"]) == 0
+    assert "mean" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["learn", "nowhere.toml"], "cannot read configuration 'nowhere.toml'"),
+        (["learn", CONFIG, "--demos", "nowhere"], "nowhere"),
+        (["learn", CONFIG, "--metric.update", "5"], "Did you mean 'updates'"),
+        (["learn", CONFIG, "--metric.updates"], "--metric.updates has no value"),
+        (["learn", CONFIG, "--robot", "nowhere.urdf"], "nowhere.urdf"),
+        (["learn", CONFIG, "--demos", "synthetic:drawer_closin"], "Did you mean 'drawer_closing'"),
+        (["reproduce", "nowhere.npz"], "there is no skill file 'nowhere.npz'"),
+        (["demonstrate", "dancing", "out"], "dancing"),
+    ],
+)
+def test_mistakes_are_explained_without_a_traceback(arguments, message, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(arguments) == 1
+    printed = capsys.readouterr()
+    assert message in printed.err
+    assert "Traceback" not in printed.err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_unknown_frame_is_named_with_the_nearest(demos, capsys, tmp_path):
+    out = ["--out", str(tmp_path)]
+    assert main(["learn", CONFIG, "--demos", demos, *out, "--subtasks.gripper.frame", "panda_lnk7"]) == 1
+    assert "Did you mean 'panda_link7'" in capsys.readouterr().err
+
+
+def test_wrong_usage_exits_with_two(capsys):
+    for arguments in ([], ["lern"], ["reproduce", "x", "--jsn", "y"]):
+        with pytest.raises(SystemExit) as stop:
+            main(arguments)
+        assert stop.value.code == 2
+
+
+def test_help_fits_a_screen_and_every_command_has_an_example(capsys):
+    assert len(build_parser().format_help().splitlines()) <= 24
+    for command in ("learn", "reproduce", "demonstrate"):
+        with pytest.raises(SystemExit):
+            main([command, "--help"])
+        assert f"example: jaxrmp {command}" in capsys.readouterr().out
+
+
+def test_overrides_are_read_as_toml_or_else_as_text():
+    assert parse_overrides(["--a.b", "1e-3", "--c=[1, 2]", "--d", "panda", "--e", "true"]) == {
+        "a.b": 1e-3,
+        "c": [1, 2],
+        "d": "panda",
+        "e": True,
+    }
+
+
+def test_interrupted_learning_leaves_no_half_written_file(demos, tmp_path):
+    out = tmp_path / "out"
+    environment = {**os.environ, "JAX_COMPILATION_CACHE_DIR": str(jax.config.jax_compilation_cache_dir or tmp_path)}
+    command = [sys.executable, "-m", "jaxrmp", "learn", CONFIG, "--demos", demos, "--out", str(out)]
+    command += ["--metric.updates", "1000000", "--potential.widths", "[0.05]", "--potential.basin_starts", "100"]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=environment)
+    assert process.stderr is not None
+    for line in process.stderr:
+        if line.startswith("metrics"):
+            break
+    time.sleep(1.0)
+    process.send_signal(signal.SIGINT)
+    rest = process.stderr.read()
+    assert process.wait(timeout=120) == 130
+    assert "interrupted" in rest
+    assert "Traceback" not in rest
+    assert not out.exists() or list(out.rglob("*")) == []

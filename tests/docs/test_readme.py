@@ -1,0 +1,98 @@
+"""What README and CONTRIBUTING say can be done, done: their code runs, their commands parse, their links lead somewhere."""
+
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+
+from jaxrmp.cli import build_parser
+
+ROOT = Path(__file__).parents[2]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+CONTRIBUTING = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+TEXTS = ["README.md", "CONTRIBUTING.md", "CHANGELOG.md", *(f"docs/{p.name}" for p in sorted((ROOT / "docs").glob("*.md")))]
+
+
+def code_blocks(text: str, language: str) -> list[str]:
+    return re.findall(rf"^```{language}\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
+
+
+def command_lines(program: str) -> list[str]:
+    lines = "\n".join(code_blocks(README, "sh")).splitlines()
+    return [line for line in lines if line.startswith(program + " ")]
+
+
+def run_blocks(text: str, name: str) -> dict:
+    """Run all Python blocks of a text one after the other in one namespace, as a reader would, and return it."""
+    namespace: dict = {"__name__": name}
+    for number, block in enumerate(code_blocks(text, "python")):
+        exec(compile(block, f"{name}, block {number}", "exec"), namespace)
+    return namespace
+
+
+def test_readme_code_runs(monkeypatch, capsys):
+    monkeypatch.chdir(ROOT)
+    namespace = run_blocks(README, "readme")
+    assert namespace["qdd"].shape == (7,)
+    assert namespace["jaxrmp"].uncertified_leaves(namespace["safer"]) == ()
+    assert "Certificate(" in capsys.readouterr().out
+
+
+def test_contributing_leaf_passes_its_own_tests():
+    namespace = run_blocks(CONTRIBUTING, "contributing")
+    tests = [value for name, value in namespace.items() if name.startswith("test_")]
+    assert len(tests) >= 6
+    for test in tests:
+        test()
+
+
+@pytest.mark.parametrize("line", command_lines("jaxrmp"))
+def test_commands_parse(line):
+    words = shlex.split(line, comments=True)[1:]
+    parsed, rest = build_parser().parse_known_args(words)
+    assert parsed.command == words[0]
+    assert not rest or parsed.takes_overrides
+    configuration = getattr(parsed, "config", None)
+    assert configuration is None or (ROOT / configuration).is_file()
+
+
+def test_there_are_commands_to_check():
+    assert {shlex.split(line)[1] for line in command_lines("jaxrmp")} == {"learn", "reproduce", "demonstrate"}
+
+
+@pytest.mark.parametrize("line", command_lines("make"))
+def test_make_targets_exist(line):
+    target = shlex.split(line, comments=True)[1]
+    assert re.search(rf"^{target}:", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE)
+
+
+def test_overrides_in_commands_are_configuration_keys():
+    from jaxrmp.cli._overrides import parse_overrides
+    from jaxrmp.learning import load_configuration
+
+    checked = 0
+    for line in command_lines("jaxrmp"):
+        parsed, rest = build_parser().parse_known_args(shlex.split(line, comments=True)[1:])
+        if rest:
+            load_configuration(ROOT / parsed.config, parse_overrides(rest))
+            checked += 1
+    assert checked
+
+
+@pytest.mark.parametrize("text", TEXTS)
+def test_links_lead_to_files(text):
+    path = ROOT / text
+    for target in re.findall(r"\]\(([^)#\s]+)", path.read_text(encoding="utf-8")):
+        if "://" not in target:
+            assert (path.parent / target).exists(), f"{text} links to {target}"
+
+
+def test_every_leaf_is_in_the_table():
+    from jaxrmp import Leaf, leaves
+
+    table = (ROOT / "docs" / "leaves.md").read_text(encoding="utf-8")
+    names = [n for n, v in vars(leaves).items() if isinstance(v, type) and issubclass(v, Leaf)]
+    assert names
+    for name in names:
+        assert f"`leaves.{name}`" in table

@@ -1,0 +1,72 @@
+"""Configurations: what is read, what is refused."""
+
+from pathlib import Path
+
+import pytest
+
+from jaxrmp import ConfigurationError, UnknownNameError
+from jaxrmp.learning import configuration_from_dict, configuration_to_dict, load_configuration
+
+CONFIGS = Path(__file__).parents[2] / "configs"
+
+
+@pytest.mark.parametrize("task", ["drawer_closing", "door_reaching"])
+def test_committed_configurations_survive_a_round_trip(task):
+    configuration = load_configuration(CONFIGS / f"{task}.toml")
+    assert configuration.name == task
+    assert len(configuration.subtasks) == 3
+    again = configuration_from_dict(configuration_to_dict(configuration))
+    assert again == configuration
+    assert hash(again) == hash(configuration)
+
+
+def test_overrides_reach_sections_and_named_subtasks():
+    overrides = {
+        "metric.updates": 7,
+        "seed": 3,
+        "subtasks.gripper.frame": "panda_hand",
+        "potential.widths": [0.05],
+        "fixed_joints.panda_finger_joint1": 0,
+        "policy.speed": 1,
+    }
+    configuration = load_configuration(CONFIGS / "drawer_closing.toml", overrides)
+    assert configuration.metric.updates == 7
+    assert configuration.seed == 3
+    assert configuration.subtasks[0].frame == "panda_hand"
+    assert configuration.subtasks[1].frame == "panda_link7"
+    assert configuration.potential.widths == (0.05,)
+    assert dict(configuration.fixed_joints) == {"panda_finger_joint1": 0.0}
+    assert configuration.policy.speed == 1.0
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "error", "message"),
+    [
+        ("metric.update", 5, UnknownNameError, "Did you mean 'updates'"),
+        ("potentail.widths", [0.1], UnknownNameError, "Did you mean 'potential'"),
+        ("subtasks.griper.frame", "x", UnknownNameError, "unknown subtask 'griper'. Did you mean 'gripper'"),
+        ("metric.updates", "many", ConfigurationError, "metric.updates is 'many' .str., expected int"),
+        ("metric.updates", True, ConfigurationError, "metric.updates is True"),
+        ("metric.updates", 0, ConfigurationError, "must be positive"),
+        ("policy.speed", -1.0, ConfigurationError, "policy.speed is -1.0, expected a positive number"),
+        ("policy", 3, ConfigurationError, "policy is 3, expected a section"),
+        ("seed.more", 3, ConfigurationError, "'seed' is no section"),
+        ("subtasks", [], ConfigurationError, "at least one"),
+        ("subtasks", [{"frame": "a"}], ConfigurationError, r"subtasks\[0\].name is missing"),
+        ("subtasks.gripper.offset", [1.0, 2.0], ConfigurationError, r"expected 3 entries"),
+        ("preprocessing.resample", "space", UnknownNameError, "unknown resampling 'space'"),
+        ("preprocessing.filter_window", 0.0, ConfigurationError, "filter_window is 0.0"),
+    ],
+)
+def test_values_that_make_no_sense_are_named(key, value, error, message):
+    with pytest.raises(error, match=message):
+        load_configuration(CONFIGS / "drawer_closing.toml", {key: value})
+
+
+def test_a_missing_or_broken_file_is_named(tmp_path):
+    with pytest.raises(ConfigurationError, match=r"cannot read .*nowhere.toml"):
+        load_configuration(tmp_path / "nowhere.toml")
+    broken = tmp_path / "broken.toml"
+    broken.write_text("name = ")
+    with pytest.raises(ConfigurationError, match="no valid TOML"):
+        load_configuration(broken)

@@ -1,0 +1,174 @@
+"""Skills as values and as files."""
+
+import json
+import zipfile
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxrmp
+from jaxrmp import RobotError, SkillFileError, acceleration
+from jaxrmp.kinematics import load_robot_from_string, panda
+from jaxrmp.learning import (
+    Configuration,
+    Skill,
+    Subtask,
+    initial_cholesky_factor,
+    load_skill,
+    save_skill,
+)
+from jaxrmp.learning._skill import mean_pose, rigid_targets
+from jaxrmp.leaves import Learned, NominalPotential
+
+OFFSETS = np.array([[0.0, 0.0, 0.207], [0.0286, 0.0286, 0.2104], [-0.0286, -0.0286, 0.2104]])
+FRAMES = ("panda_link7",) * 3
+Q = jnp.array([0.1, -0.6, 0.2, -2.0, 0.1, 1.6, 0.7], jnp.float32)
+
+
+@pytest.fixture
+def skill() -> Skill:
+    keys = jax.random.split(jax.random.key(0), 3)
+    points = jnp.linspace(jnp.array([0.3, 0.1, 0.2]), jnp.zeros(3), 20)
+    potential = NominalPotential(points, jnp.linspace(0.2, 0.0, 20), jnp.zeros(3), jnp.array(0.05), jnp.array(30.0))
+    stacked = jax.tree.map(lambda a: jnp.stack([a, a, a]), potential)
+    factors = jax.vmap(lambda key: initial_cholesky_factor(key, hidden=(16, 8), length_scale=0.1))(keys)
+    return Skill(
+        learned=Learned(stacked, factors, jnp.full(3, 0.2), jnp.full(3, 40.0)),
+        offsets=jnp.asarray(OFFSETS, jnp.float32),
+        targets=jnp.asarray(OFFSETS - OFFSETS[0], jnp.float32),
+        T_base_object=jnp.eye(4).at[:3, 3].set(jnp.array([0.5, 0.1, 0.4])),
+        frames=FRAMES,
+        subtasks=("gripper", "left", "right"),
+        configuration=Configuration("reach", tuple(Subtask(n, "panda_link7") for n in ("gripper", "left", "right"))),
+        robot_fingerprint=panda().fingerprint,
+        source="test",
+    )
+
+
+def test_a_saved_skill_comes_back_bit_for_bit(skill, tmp_path):
+    loaded = load_skill(save_skill(skill, tmp_path / "reach.skill.npz"))
+    assert jax.tree.structure(loaded) == jax.tree.structure(skill)
+    for a, b in zip(jax.tree.leaves(skill), jax.tree.leaves(loaded), strict=True):
+        assert jnp.asarray(a).dtype == b.dtype
+        np.testing.assert_array_equal(np.asarray(a), np.asarray(b))
+    assert loaded.configuration == skill.configuration
+    qdd = [jax.jit(acceleration)(s.tree(panda()), Q, 0 * Q) for s in (skill, loaded)]
+    np.testing.assert_array_equal(*qdd)
+
+
+def test_a_skill_is_refused_on_another_robot(skill):
+    arm = load_robot_from_string(
+        "<mujoco><worldbody><body name='panda_link7'><joint name='j' axis='0 0 1'/><geom size='.1'/></body></worldbody>"
+        "</mujoco>"
+    )
+    with pytest.raises(RobotError, match="was learned on robot 'panda'.*learn it again"):
+        skill.tree(arm)
+
+
+def test_moving_the_object_moves_the_policy_and_does_not_retrace(skill):
+    traces = []
+
+    @jax.jit
+    def act(tree, q, qd):
+        traces.append(1)
+        return acceleration(tree, q, qd)
+
+    robot, moved = panda(), np.array(skill.T_base_object)
+    moved[1, 3] += 0.2
+    here, there = (act(skill.tree(robot, T), Q, 0 * Q) for T in (skill.T_base_object, moved))
+    assert len(traces) == 1
+    assert np.abs(here - there).max() > 0.1
+
+
+def test_gains_change_the_tempo_and_not_the_path(skill):
+    fast = skill.with_gains(0.4, 80.0)
+    np.testing.assert_array_equal(fast.learned.speed, np.full(3, 0.4, np.float32))
+    assert fast.configuration.policy.damping_rate == 80.0
+    x = jnp.full((3, 3), 0.1)
+    fields = [jax.vmap(lambda leaf, x: leaf.field(x))(s.learned, x) for s in (skill, fast)]
+    np.testing.assert_array_equal(*fields)
+
+
+def test_the_tree_is_certified_and_names_its_leaves(skill):
+    tree = skill.tree(panda())
+    assert jaxrmp.uncertified_leaves(tree) == ()
+    assert [leaf.name for leaf in tree.leaves()] == ["learned", "joint_damping", "joint_limit"]
+
+
+@pytest.mark.parametrize("damage", ["missing", "truncated", "flipped", "text", "npz", "version", "extra", "lacking"])
+def test_files_that_are_no_whole_skill_of_this_version_are_refused(skill, tmp_path, damage):
+    path = save_skill(skill, tmp_path / "reach.skill.npz")
+    expected = "is no skill file, or is damaged"
+    if damage == "missing":
+        path.unlink()
+        expected = "there is no skill file"
+    elif damage == "truncated":
+        path.write_bytes(path.read_bytes()[:2000])
+    elif damage == "flipped":
+        content = bytearray(path.read_bytes())
+        content[len(content) // 2] ^= 255
+        path.write_bytes(content)
+    elif damage == "text":
+        path.write_text("not a skill")
+    elif damage == "npz":
+        np.savez(path, a=np.zeros(3))
+        expected = "no skill: it has no readable header"
+    else:
+        with np.load(path) as archive:
+            arrays = dict(archive)
+        header = json.loads(arrays.pop("header.json").tobytes())
+        if damage == "version":
+            header["version"] = 99
+            expected = "version 99; this jaxrmp .* reads 'jaxrmp skill' version 1"
+        elif damage == "extra":
+            header["mystery"] = 1
+            expected = "missing or unknown: .*mystery"
+        else:
+            del arrays["targets"]
+            expected = "arrays missing, unknown or of another shape: .*targets"
+        arrays["header.json"] = np.frombuffer(json.dumps(header).encode(), np.uint8)
+        with path.open("wb") as file:
+            np.savez(file, **arrays)
+    with pytest.raises(SkillFileError, match=expected):
+        load_skill(path)
+
+
+def test_a_skill_file_holds_no_pickle(skill, tmp_path):
+    path = save_skill(skill, tmp_path / "reach.skill.npz")
+    with zipfile.ZipFile(path) as archive:
+        for name in archive.namelist():
+            assert b"|O" not in archive.read(name)[:200]
+
+
+def test_a_skill_that_cannot_be_saved_leaves_the_old_file(skill, tmp_path):
+    path = save_skill(skill, tmp_path / "reach.skill.npz")
+    before = path.read_bytes()
+    with pytest.raises(SkillFileError, match="can be saved"):
+        save_skill(replace(skill, learned=replace(skill.learned, cholesky_of=lambda x: jnp.eye(3))), path)
+    assert path.read_bytes() == before
+    assert [p.name for p in tmp_path.iterdir()] == ["reach.skill.npz"]
+
+
+def test_targets_become_a_rigid_placement_of_the_control_points():
+    turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    placed = OFFSETS @ turn.T + [0.4, 0.2, 0.3]
+    np.testing.assert_allclose(rigid_targets(OFFSETS, FRAMES, np.stack([placed, placed])), placed, atol=1e-12)
+    noise = np.random.default_rng(0).normal(size=(2, 3, 3)) * 0.01
+    targets = rigid_targets(OFFSETS, FRAMES, placed + noise)
+    distances = [np.linalg.norm(x[:, None] - x[None], axis=-1) for x in (targets, OFFSETS)]
+    np.testing.assert_allclose(*distances, atol=1e-12)
+    with pytest.raises(jaxrmp.ShapeError, match="do not fit together"):
+        rigid_targets(OFFSETS, FRAMES, placed)
+
+
+def test_the_mean_pose_of_opposite_turns_is_no_turn():
+    def about_z(angle):
+        T = np.eye(4)
+        T[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+        T[0, 3] = angle
+        return T
+
+    np.testing.assert_allclose(mean_pose(np.stack([about_z(0.3), about_z(-0.3)])), np.eye(4), atol=1e-12)

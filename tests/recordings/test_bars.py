@@ -1,0 +1,97 @@
+"""The bars of the first slice, on the real recordings with the committed configurations."""
+
+import json
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxrmp import certificate, uncertified_leaves
+from jaxrmp.cli import main
+from jaxrmp.kinematics import panda
+from jaxrmp.learning import load_skill
+
+pytestmark = pytest.mark.recordings
+CONFIGS = Path(__file__).parents[2] / "configs"
+BARS = {
+    "drawer_closing": {"dtw_cm": 1.0, "frechet_cm": 2.3, "goal_cm": 0.10},
+    "door_reaching": {"dtw_cm": 2.3, "frechet_cm": 4.2, "goal_cm": 0.10},
+}
+
+
+@pytest.fixture(scope="module", params=list(BARS))
+def learned(request, recordings, tmp_path_factory):
+    """Each task learned by the command line, once for all tests: its name and the output folder."""
+    out = tmp_path_factory.mktemp(request.param)
+    config = str(CONFIGS / f"{request.param}.toml")
+    assert main(["learn", config, "--demos", str(recordings / request.param), "--out", str(out)]) == 0
+    return request.param, out
+
+
+def test_every_demonstration_is_reproduced_within_the_bars(learned, recordings, tmp_path):
+    task, out = learned
+    skill, errors, rollouts = str(out / f"{task}.skill.npz"), tmp_path / "errors.json", tmp_path / "rollouts.npz"
+    demos = ["--demos", str(recordings / task)]
+    assert main(["reproduce", skill, *demos, "--json", str(errors), "--save", str(rollouts)]) == 0
+    result = json.loads(errors.read_text())
+    assert [e["demo"] for e in result["per_demo"]] == list(range(6))
+    for name, bar in BARS[task].items():
+        assert result["mean"][name] <= bar, name
+    robot = panda()
+    with np.load(rollouts) as saved:
+        for e in result["per_demo"]:
+            q, qd, time = (saved[f"{name}_{e['demo']}"] for name in ("q", "qd", "time"))
+            assert q.shape == qd.shape == (len(time), 7)
+            assert np.isfinite(q).all()
+            assert np.isfinite(qd).all()
+            assert (q > robot.lower).all()
+            assert (q < robot.upper).all()
+            assert e["limit_margin_rad"] == pytest.approx(np.minimum(q - robot.lower, robot.upper - q).min(), abs=1e-6)
+            assert e["goal_cm"] <= 0.2
+            assert e["energy_increase"] <= 1e-5  # float32 rounding of V
+
+
+def test_the_learned_tree_keeps_its_certificate_at_random_states(learned):
+    task, out = learned
+    robot, rng = panda(), np.random.default_rng(0)
+    tree = load_skill(out / f"{task}.skill.npz").tree(robot)
+    assert uncertified_leaves(tree) == ()
+    with jax.enable_x64(True):
+        tree = jax.tree.map(lambda a: jnp.asarray(a, jnp.float64), tree)
+        q = jnp.asarray(rng.uniform(robot.lower, robot.upper, (1000, 7)))
+        qd = jnp.asarray(rng.normal(size=(1000, 7)))
+        found = jax.jit(jax.vmap(certificate, in_axes=(None, 0, 0)))(tree, q, qd)
+        assert np.asarray(found.residual).max() <= 1e-8
+        assert np.asarray(found.dissipation).min() >= 0
+
+
+def test_the_report_tells_how_the_skill_was_learned(learned):
+    task, out = learned
+    report = json.loads((out / "learning_report.json").read_text())
+    assert report["skill"] == task
+    assert [s["name"] for s in report["subtasks"]] == ["gripper", "left_fingertip", "right_fingertip"]
+    for subtask in report["subtasks"]:
+        potential = subtask["potential"]
+        assert potential["status"] == "optimal"
+        assert min(potential["goal_hessian_eigenvalues"]) > 0
+        assert potential["basin"]["share_reached"] == 1.0
+        assert potential["basin"]["rest_points"] == []
+        assert potential["beyond_90"] < 0.05
+        assert subtask["metric"]["last_loss"] < 0.5 * subtask["metric"]["first_loss"]
+    made_by = json.loads((out / "made_by.json").read_text())
+    assert made_by["configuration"]["name"] == task
+    assert made_by["versions"]["jax"] == jax.__version__
+    assert len(list((out / "figures").glob("*.png"))) >= 6
+
+
+def test_learning_is_independent_of_the_frame_that_tracks_the_door(recordings, tmp_path):
+    """A set without a tracked object gets its frame from the final poses, also under the door's configuration."""
+    from jaxrmp.learning import load_configuration, load_demonstrations, prepare
+
+    configuration = load_configuration(CONFIGS / "door_reaching.toml")
+    prepared = prepare(configuration, panda(), load_demonstrations(recordings / "drawer_closing"))
+    np.testing.assert_allclose(prepared.poses[:, :3, :3], np.broadcast_to(np.eye(3), (6, 3, 3)))
+    mean_end = np.mean([points[-1, 0] for points in prepared.points], axis=0)
+    np.testing.assert_allclose(mean_end, 0, atol=1e-9)
