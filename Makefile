@@ -14,7 +14,7 @@ endif
 export JAX_COMPILATION_CACHE_DIR ?= $(abspath .jax_cache)
 export JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS ?= 0
 
-.PHONY: demo test check format clean
+.PHONY: demo test check format bench clean
 
 demo: $(VENV)/.installed-demo
 	$(BIN)/jaxrmp learn configs/drawer_closing.toml --out out/drawer_closing
@@ -45,6 +45,10 @@ $(VENV)/.installed-demo: $(BIN)/python pyproject.toml constraints.txt
 $(VENV)/.installed-dev: $(BIN)/python pyproject.toml constraints.txt
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[all,torch,dev]'
 	@touch $@
+
+bench: $(VENV)/.installed-dev
+	$(BIN)/python -m benchmarks learning
+	$(BIN)/python -m benchmarks reproduction
 
 clean:
 	rm -rf $(VENV) .jax_cache out dist .pytest_cache .ruff_cache

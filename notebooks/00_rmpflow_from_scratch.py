@@ -15,13 +15,13 @@
 # # RMPflow from scratch
 #
 # [![Open in Colab](https://colab.research.google.com/assets/colab-badge.svg)](https://colab.research.google.com/)
-# (File, Upload notebook)
+# (upload it there, into a clone of jaxrmp)
 #
 # RMPflow (Cheng et al., 2018) takes few lines of plain `jax.numpy`: here it moves a planar arm of three links to a goal,
 # round a disc. At the end jaxrmp computes the same policy, and the two must agree to rounding.
 
 # %% tags=["skip-execution"]
-# %pip install --quiet "jaxrmp[plots]"
+# %pip install --quiet "..[plots]"  # the clone of jaxrmp that this notebook lies in
 
 # %%
 import jax
@@ -143,7 +143,7 @@ hand = np.asarray(jax.vmap(joints_of_arm)(q))[:, 2]
 clearance = np.asarray(jax.vmap(lambda q: jnp.concatenate([to_disc(1)(q), to_disc(2)(q)]))(q)).min()
 
 figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4))
-for k in (0, 150, 300, 450, 2999):
+for k in (0, 600, 1000, 1300, 2999):
     left.plot(*np.vstack([np.zeros(2), joints_of_arm(q[k])]).T, "o-", color="0.3", alpha=0.3 + 0.6 * k / 2999)
 left.plot(*hand.T, "C0")
 left.add_patch(plt.Circle(CENTER, RADIUS, color="C1"))

@@ -15,7 +15,7 @@
 # # Learning one subtask, step by step
 #
 # [![Open in Colab](https://colab.research.google.com/assets/colab-badge.svg)](https://colab.research.google.com/)
-# (File, Upload notebook)
+# (upload it there, into a clone of jaxrmp)
 #
 # A skill of jaxrmp is a handful of *subtasks*: points on the hand, each with a policy of its own that was learned from
 # demonstrations. This notebook learns a single one, the gripper's centre on its way round a cabinet door to the
@@ -26,7 +26,7 @@
 # moved an arm. About half a minute on two cores.
 
 # %% tags=["skip-execution"]
-# %pip install --quiet "jaxrmp[learning,plots]"
+# %pip install --quiet "..[learning,plots]"  # the clone of jaxrmp that this notebook lies in
 
 # %%
 import tempfile

@@ -19,6 +19,8 @@ def loss_figure(learning: Learning) -> "Figure":
     Rana et al. 2019, section 3.2.
     """
     figure = new_figure(7.0, 4.2)
+    from matplotlib.ticker import LogLocator, NullFormatter
+
     axes = figure.subplots()
     losses, names = learning.metric.losses, learning.skill.subtasks
     updates = np.arange(1, len(losses) + 1)
@@ -27,6 +29,8 @@ def loss_figure(learning: Learning) -> "Figure":
     kind = {"smooth_l1": "Huber loss", "l2": "squared loss"}.get(learning.skill.configuration.metric.loss, "loss")
     dress(axes, "update", f"{kind} of the warped field", learning.skill.configuration.name)
     axes.set_xlim(0, len(losses))
-    axes.set_ylim(10 ** np.floor(np.log10(losses.min())), 10 ** np.ceil(np.log10(losses.max())))  # whole decades
+    axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    axes.yaxis.set_major_formatter("{x:g}")
+    axes.yaxis.set_minor_formatter(NullFormatter())
     legend_below(figure, axes)
     return figure

@@ -1,7 +1,7 @@
 """Three-dimensional panels: equal scales, a telling view, and each box as large as its place on the page allows."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -34,7 +34,7 @@ def space_panels(
             shift, zoom = _fit(figure, axes, size)
         axes.set_box_aspect(size, zoom=zoom)
         axes.set_position((left + shift[0], bottom + shift[1], width, height - title))
-        up = 1 + (0.3 * title - shift[1]) / (height - title)
+        up = 1 + (0.6 * title - shift[1]) / (height - title)
         axes.set_title(text, fontsize=fontsize, x=0.5 - shift[0] / width, y=up, pad=0)
         panels.append(axes)
     return panels
@@ -57,7 +57,8 @@ def _dress(axes: "Axes3D", points: np.ndarray) -> np.ndarray:
     axes.set_proj_type("ortho")
     elevation, azimuth = view_angles(points)
     axes.view_init(elev=elevation, azim=azimuth)
-    for name, axis, length in zip("xyz", (axes.xaxis, axes.yaxis, axes.zaxis), size, strict=True):
+    three: tuple[Any, ...] = (axes.xaxis, axes.yaxis, axes.zaxis)
+    for name, axis, length in zip("xyz", three, size, strict=True):
         axis.get_major_locator().set_params(nbins=max(round(5 * length / size.max()), 2))
         axis.set_pane_color((1, 1, 1, 0))
         axis.set_label_text(f"{name} (m)", fontsize=9.5)
@@ -73,7 +74,7 @@ def _fit(figure: "Figure", axes: "Axes3D", size: np.ndarray) -> tuple[np.ndarray
         axes.set_box_aspect(size, zoom=zoom)
         figure.draw_without_rendering()
         box = _extent(axes)
-        zoom *= 0.98 * min(place.width / box.width, place.height / box.height)
+        zoom *= 0.94 * min(place.width / box.width, place.height / box.height)
     shift = (np.array(place.p0) + place.p1 - box.p0 - box.p1) / 2
     return shift / figure.bbox.size, zoom
 
@@ -84,7 +85,7 @@ def _extent(axes: "Axes3D"):
     from mpl_toolkits.mplot3d.proj3d import proj_transform
 
     corners = np.stack(np.meshgrid(axes.get_xlim(), axes.get_ylim(), axes.get_zlim())).reshape(3, -1)
-    x, y, _ = proj_transform(*corners, axes.get_proj())
+    x, y, _ = proj_transform(corners[0], corners[1], corners[2], axes.get_proj())
     projected = axes.transData.transform(np.stack([x, y], axis=1))
     labels = [axis.get_tightbbox() for axis in (axes.xaxis, axes.yaxis, axes.zaxis)]
     return Bbox.union([Bbox([projected.min(0), projected.max(0)]), *(box for box in labels if box is not None)])

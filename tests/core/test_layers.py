@@ -11,7 +11,20 @@ import jaxrmp
 
 PACKAGE = Path(jaxrmp.__file__).parent
 MODULES = sorted(PACKAGE.rglob("*.py"))
-OPTIONAL = ["flax", "optax", "mujoco", "cvxpy", "matplotlib", "torch", "scipy", "dtaidistance", "viser", "tqdm", "mediapy", "imageio"]
+OPTIONAL = [
+    "flax",
+    "optax",
+    "mujoco",
+    "cvxpy",
+    "matplotlib",
+    "torch",
+    "scipy",
+    "dtaidistance",
+    "viser",
+    "tqdm",
+    "mediapy",
+    "imageio",
+]
 
 # Which third-party packages a module may import as it is imported; all others only inside functions.
 ALWAYS = {"jax", "numpy"}

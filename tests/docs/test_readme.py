@@ -1,4 +1,4 @@
-"""What README and CONTRIBUTING say can be done, done: their code runs, their commands parse, their links lead somewhere."""
+"""README and CONTRIBUTING put to the test: their code runs, their commands parse, their links lead somewhere."""
 
 import re
 import shlex
@@ -11,7 +11,12 @@ from jaxrmp.cli import build_parser
 ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 CONTRIBUTING = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
-TEXTS = ["README.md", "CONTRIBUTING.md", "CHANGELOG.md", *(f"docs/{p.name}" for p in sorted((ROOT / "docs").glob("*.md")))]
+TEXTS = [
+    "README.md",
+    "CONTRIBUTING.md",
+    "CHANGELOG.md",
+    *(f"docs/{p.name}" for p in sorted((ROOT / "docs").glob("*.md"))),
+]
 
 
 def code_blocks(text: str, language: str) -> list[str]:

@@ -309,5 +309,5 @@ def test_no_global_state(learning):
 
 def test_without_matplotlib(learning, monkeypatch):
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
-    with pytest.raises(MissingDependencyError, match=r"matplotlib .* jaxrmp\[plots\]"):
+    with pytest.raises(MissingDependencyError, match=r"matplotlib is needed.*jaxrmp\[plots\]"):
         loss_figure(learning)

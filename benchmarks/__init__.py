@@ -1,0 +1,1 @@
+"""Measurements of jaxrmp: `python -m benchmarks NAME [--json FILE]`."""
