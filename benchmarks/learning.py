@@ -1,4 +1,4 @@
-"""How long a skill takes to learn, from files to saved skill, in a fresh process: nothing compiled before, and again."""
+"""How long a skill takes to learn, from files to saved skill, in a fresh process: with nothing compiled, and again."""
 
 import json
 import os

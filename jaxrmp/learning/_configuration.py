@@ -196,12 +196,12 @@ def _build(kind: Any, value: Any, where: str) -> Any:
 
 def configuration_to_dict(configuration: Configuration) -> dict[str, Any]:
     """Plain dictionaries, lists, strings and numbers, fit for JSON; `configuration_from_dict` undoes it."""
+    return {f.name: _plain(getattr(configuration, f.name)) for f in dataclasses.fields(configuration)}
 
-    def plain(value):
-        if dataclasses.is_dataclass(value) and not isinstance(value, type):
-            return {f.name: plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
-        if isinstance(value, Mapping):
-            return {k: plain(v) for k, v in value.items()}
-        return [plain(v) for v in value] if isinstance(value, tuple | list) else value
 
-    return plain(configuration)
+def _plain(value: Any) -> Any:
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {f.name: _plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
+    if isinstance(value, Mapping):
+        return {k: _plain(v) for k, v in value.items()}
+    return [_plain(v) for v in value] if isinstance(value, tuple | list) else value

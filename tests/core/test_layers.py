@@ -85,7 +85,7 @@ assert not changed, changed
 assert not jax._src.xla_bridge._backends, "importing did work on a device"
 """
     run = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, cwd=PACKAGE.parent, timeout=120
+        [sys.executable, "-c", program], check=False, capture_output=True, text=True, cwd=PACKAGE.parent, timeout=120
     )
     assert run.returncode == 0, run.stderr
     assert run.stdout == "" and run.stderr == ""

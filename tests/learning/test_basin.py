@@ -48,7 +48,7 @@ def test_several_rest_points_come_most_visited_first():
 
 
 def test_a_potential_without_a_minimum_or_with_nan_reaches_nothing():
-    slope = Partial(lambda x: jnp.sum(x))
+    slope = Partial(jnp.sum)
     assert check_basin(slope, *BOX, starts=100).share_reached == 0.0
     broken = check_basin(Partial(lambda x: jnp.sum(jnp.sqrt(x))), *BOX, starts=100)
     assert broken.share_reached == 0.0
