@@ -26,6 +26,8 @@ from ._forms import resolve as resolve
 from ._gds import GDS as GDS
 from ._gds import GeometricDynamicalSystem as GeometricDynamicalSystem
 from ._gds import SeparableGDS as SeparableGDS
+from ._pytree import pytree as pytree
+from ._pytree import static as static
 from ._task_map import Affine as Affine
 from ._task_map import Composition as Composition
 from ._task_map import Distance as Distance

@@ -20,9 +20,10 @@ class JointLimit(SeparableGDS):
     the leaf is hardly felt; towards a limit b falls with d. The curvature terms are exact, and `B = damping_rate G`.
     The potential is the posture spring `1/2 weight stiffness |q - rest|^2`, the published force at zero velocity (at
     other velocities that has no potential), plus a barrier. The metric alone slows a joint down but lets a steady pull
-    creep over its limit; the barrier `1/2 barrier (max(reach - x, 0) / x)^2`, x the distance to a limit, grows
-    without bound, so that no motion of bounded energy gets there. Within `reach / 50` of the limit and beyond it, it
-    goes on as a straight line: a state outside is pushed back in. `barrier=0` gives the published leaf.
+    creep over its limit; the barrier `1/2 barrier (max(reach - x, 0) / x)^2`, x the distance to a limit, stops
+    it. Within `reach / 50` of the limit and beyond it, the barrier goes on as a straight line, so that a state outside
+    is pushed back in: at the limit it is `3651 barrier` high, which no motion of less energy crosses. `barrier=0` gives
+    the published leaf.
 
     **Arguments**: `lower`, `upper` [n], rad or m, all finite; `rest` [n], the posture, default the middle; `weight`,
     the metric far from limits; `sigma`, the speed at which the metric takes effect, rad/s or m/s; `stiffness`, 1/s^2;

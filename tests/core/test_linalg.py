@@ -26,7 +26,7 @@ def everything(A, unsymmetric, b):
 @pytest.mark.parametrize("n", SIZES)
 def test_factors_and_solutions_agree_with_lapack_in_batches(n):
     rng = np.random.default_rng(n)
-    for shape in [(2, 3)] if n not in (3, 9) else [(2, 3), (5,), ()]:
+    for shape in [(2, 3)] if n != 3 else [(2, 3), (5,), ()]:
         A, b = spd(rng, shape, n), rng.normal(size=(*shape, n))
         skew = rng.normal(size=(*shape, n, n))
         unsymmetric = A + skew - np.swapaxes(skew, -1, -2)  # its symmetric part is A: no pivoting is needed

@@ -12,9 +12,8 @@ from jaxrmp.learning._metric_training import field_loss, train_metrics
 SMALL = dict(hidden=(16, 8), updates=50)
 
 
-@pytest.mark.parametrize("m", [1, 2, 3])
-@pytest.mark.parametrize("activation", list(ACTIVATIONS))
-def test_a_factor_starts_at_the_identity(m, activation):
+@pytest.mark.parametrize(("activation", "m"), [*((name, 3) for name in ACTIVATIONS), ("relu", 1)])
+def test_a_factor_starts_at_the_identity(activation, m):
     factor = initial_cholesky_factor(jax.random.key(m), m, activation=activation, length_scale=0.5)
     x = jax.random.uniform(jax.random.key(1), (50, m), minval=-0.5, maxval=0.5)
     L = np.asarray(jax.jit(jax.vmap(factor))(x))
@@ -29,7 +28,7 @@ def test_a_factor_is_lower_triangular_with_its_diagonal_above_the_offset_whateve
     factor = initial_cholesky_factor(jax.random.key(0), 3, (16, 8), offset=offset)
     rng = np.random.default_rng(0)
     wild = jax.tree.map(lambda a: jnp.asarray(rng.normal(scale=2.0, size=jnp.shape(a)), a.dtype), factor.weights)
-    L = np.asarray(jax.vmap(type(factor)(wild, 1.0, 3, (16, 8), "relu", offset))(rng.normal(size=(200, 3))))
+    L = np.asarray(jax.jit(jax.vmap(type(factor)(wild, 1.0, 3, (16, 8), "relu", offset)))(rng.normal(size=(200, 3))))
     assert (np.triu(L, 1) == 0).all()
     diagonal = np.diagonal(L, axis1=1, axis2=2)
     assert (diagonal >= offset).all() and diagonal.min() < offset + 0.5
@@ -67,7 +66,7 @@ def subtasks(K=2, N=100, m=3, seed=0):
 def test_losses_are_their_formulas_and_vanish_for_the_true_metric():
     M, x, slope, velocity = subtasks(1)
     factor = initial_cholesky_factor(jax.random.key(0), 3, (8,))
-    L = np.asarray(jax.vmap(factor)(x[0]), float)
+    L = np.asarray(jax.jit(jax.vmap(factor))(x[0]), float)
     error = -np.linalg.solve(L @ np.swapaxes(L, -1, -2), np.asarray(slope[0], float)[..., None])[..., 0] - velocity[0]
     np.testing.assert_allclose(
         field_loss(factor, x[0], slope[0], velocity[0], "l2"), np.mean(np.sum(error**2, -1)), rtol=1e-4
@@ -86,7 +85,7 @@ def test_constant_metrics_are_learned(loss):
     assert (fit.losses[-1] < 1e-3).all() and (fit.losses[-1] < 0.01 * fit.losses[0]).all()
     for k in range(2):
         factor = jax.tree.map(lambda a, k=k: a[k], fit.factors)
-        L = np.asarray(jax.vmap(factor)(x[k]))
+        L = np.asarray(jax.jit(jax.vmap(factor))(x[k]))
         np.testing.assert_allclose((L @ np.swapaxes(L, -1, -2)).mean(0), M[k], atol=0.05)
 
 

@@ -11,7 +11,7 @@ from jaxrmp.learning._potential_program import fit_potential, goal_hessian_eigen
 ETA = 30.0
 
 
-def arc(T=12, m=2):
+def arc(T=40, m=3):
     t = np.linspace(1, 0, T)[:, None]
     points = 0.3 * np.concatenate([np.sin(1.5 * t), 1 - np.cos(1.5 * t), t * (1 - t)], axis=1)[:, :m]
     v = np.gradient(points, axis=0)
@@ -107,7 +107,7 @@ def test_the_goal_hessian_agrees_with_differences_of_the_slope():
         potential = fit_potential(points, directions, 0.1).potential
         slope = jax.jit(jax.grad(potential))
         h = 1e-6
-        H = np.stack([(slope(points[-1] + h * e) - slope(points[-1] - h * e)) / (2 * h) for e in np.eye(2)])
+        H = np.stack([(slope(points[-1] + h * e) - slope(points[-1] - h * e)) / (2 * h) for e in np.eye(3)])
     eigenvalues = goal_hessian_eigenvalues(points, potential.biases, potential.end_slope, 0.1, ETA)
     np.testing.assert_allclose(eigenvalues, np.linalg.eigvalsh((H + H.T) / 2), rtol=1e-6)
 
@@ -115,8 +115,8 @@ def test_the_goal_hessian_agrees_with_differences_of_the_slope():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda p, v: (p[:2], v[:2]), r"T >= 3, received \(2, 2\)"),
-        (lambda p, v: (p, v[:-1]), r"received \(12, 2\) and \(11, 2\)"),
+        (lambda p, v: (p[:2], v[:2]), r"T >= 3, received \(2, 3\)"),
+        (lambda p, v: (p, v[:-1]), r"received \(40, 3\) and \(39, 3\)"),
         (lambda p, v: (p[:, 0], v[:, 0]), r"must both be \[T, m\]"),
         (lambda p, v: (np.where(p == p[4], np.nan, p), v), "non-finite"),
         (lambda p, v: (p, np.where(v == v[4], np.inf, v)), "non-finite"),

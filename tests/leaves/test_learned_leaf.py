@@ -75,7 +75,7 @@ def test_value_slope_and_hessian_are_finite_on_the_points_at_the_goal_and_far_aw
         assert np.isfinite(a).all()
     # Far away the pull has unit slope, up to rounding of distance^2 / width^2 in the kernels: hence 10 m in float32.
     far = (1e3 if dtype == np.float64 else 10.0) * np.eye(3, dtype=dtype)
-    norms = np.linalg.norm(np.asarray(jax.vmap(jax.grad(phi))(far), float), axis=-1)
+    norms = np.linalg.norm(np.asarray(jax.jit(jax.vmap(jax.grad(phi)))(far), float), axis=-1)
     np.testing.assert_allclose(norms, 1, atol=2e-2)
 
 
@@ -111,10 +111,11 @@ def test_the_learned_field_is_the_natural_gradient():
     def parts(x):
         return leaf.field(x), leaf.cholesky_of(x), jax.grad(leaf.potential_of)(x), leaf.potential(x)
 
+    reference = jax.jit(potential())
     for x in np.random.default_rng(2).uniform(-0.5, 0.5, (5, 3)):
         field, L, slope, scaled = (np.asarray(a) for a in parts(x))
         np.testing.assert_allclose(field, -np.linalg.solve(L @ L.T, slope), rtol=1e-10)
-        np.testing.assert_allclose(scaled, 0.3 * 7.0 * potential()(jnp.asarray(x)), rtol=1e-12)
+        np.testing.assert_allclose(scaled, 0.3 * 7.0 * reference(x), rtol=1e-12)
 
 
 @pytest.mark.usefixtures("x64")
@@ -122,11 +123,13 @@ def test_the_learned_leaf_cruises_at_its_speed_times_the_field():
     """Where `qd = speed field` the policy neither speeds up nor slows down, up to the curvature force alone."""
     leaf = Learned(potential(), Partial(lambda x: jnp.diag(jnp.asarray([1.0, 2.0, 0.5]))), speed=0.3, damping_rate=7.0)
     x = jnp.asarray([0.4, -0.1, 0.2])
-    steady = 0.3 * leaf.field(x)
+    steady = 0.3 * jax.jit(leaf.field)(x)
     run = jax.jit(acceleration)
     np.testing.assert_allclose(run(leaf, x, steady), 0, atol=1e-12)  # a constant metric has no curvature
     np.testing.assert_allclose(run(leaf, x, steady + 0.1), -7.0 * 0.1 * np.ones(3), rtol=1e-10)
-    np.testing.assert_allclose(leaf.dissipation(x, steady), 7.0 * steady @ np.diag([1, 4, 0.25]) @ steady, rtol=1e-12)
+    np.testing.assert_allclose(
+        jax.jit(leaf.dissipation)(x, steady), 7.0 * steady @ np.diag([1, 4, 0.25]) @ steady, rtol=1e-12
+    )
 
 
 def test_the_natural_gradient_of_a_batch():
