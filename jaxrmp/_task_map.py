@@ -125,7 +125,10 @@ class RigidTransform(TaskMap):
 
     def __post_init__(self):
         if not isinstance(self.T_world_frame, Tracer):
-            check_rigid(self.T_world_frame, "T_world_frame")
+            if check_rigid(self.T_world_frame, "T_world_frame").ndim != 2:
+                raise RigidTransformError(
+                    f"T_world_frame has shape {np.shape(self.T_world_frame)}, expected (4, 4). For many frames, vmap."
+                )
         set_field(self, "T_world_frame", jnp.asarray(self.T_world_frame))
 
     def __call__(self, x):

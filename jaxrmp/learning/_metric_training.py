@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._errors import MissingDependencyError, TrainingError, UnknownNameError
+from .._errors import ConfigurationError, MissingDependencyError, TrainingError, UnknownNameError
 from ..leaves import natural_gradient_field
 from ._metric_network import CholeskyFactor, initial_cholesky_factor
 
@@ -74,6 +74,8 @@ def train_metrics(
     """
     if loss not in get_args(Loss):
         raise UnknownNameError("loss", loss, get_args(Loss))
+    if updates < 1:
+        raise ConfigurationError(f"updates is {updates!r}, expected at least 1.")
     keys = jax.random.split(jax.random.key(seed), x.shape[0])
     factors = jax.vmap(lambda key: initial_cholesky_factor(key, x.shape[-1], hidden, activation, offset, length_scale))(
         keys

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._errors import ConvexProgramError, DemonstrationError, MissingDependencyError
+from .._errors import ConfigurationError, ConvexProgramError, DemonstrationError, MissingDependencyError
 from ..leaves import NominalPotential
 
 
@@ -61,7 +61,8 @@ def fit_potential(
     **Arguments**: `points` [T, m], metres, ending at the origin; `directions` v [T, m], unit vectors (or shorter near
     the end); `width`, kernel width, metres; `sharpness`, 1/m.
     **Returns** a `PotentialFit`.
-    **Raises** `DemonstrationError` for shapes or numbers that make no trajectory; `ConvexProgramError` if the solver's
+    **Raises** `DemonstrationError` for shapes or numbers that make no trajectory; `ConfigurationError` for settings out
+    of range; `ConvexProgramError` if the solver's
     status is anything but optimal, or the goal is not a strict minimum.
 
     Rana et al. 2019, equation 7.
@@ -75,6 +76,11 @@ def fit_potential(
         raise DemonstrationError(
             f"points and directions must both be [T, m] with T >= 3, received {points.shape} and {directions.shape}."
         )
+    for name, value in (("width", width), ("sharpness", sharpness), ("end_weight", end_weight)):
+        if not 0 < value < math.inf:
+            raise ConfigurationError(f"{name} is {value!r}, expected a positive number.")
+    if not 0 <= regularization < math.inf:
+        raise ConfigurationError(f"regularization is {regularization!r}, expected a number that is not negative.")
     if not (np.isfinite(points).all() and np.isfinite(directions).all()):
         raise DemonstrationError("points or directions hold non-finite numbers.")
     T, m = points.shape

@@ -190,6 +190,11 @@ def test_what_is_not_a_rigid_transform_is_refused_with_the_reason(change, messag
         check_rigid(T, "object_pose")
 
 
+def test_many_poses_at_once_are_refused():
+    with pytest.raises(RigidTransformError, match=r"T_world_frame has shape \(5, 4, 4\), expected \(4, 4\)"):
+        RigidTransform(np.broadcast_to(np.eye(4), (5, 4, 4)))
+
+
 def test_a_pose_rounded_to_single_precision_is_still_rigid():
     for seed in range(20):
         check_rigid(pose(seed).astype(np.float32))

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxrmp import TrainingError, UnknownNameError
+from jaxrmp import ConfigurationError, TrainingError, UnknownNameError
 from jaxrmp.learning._metric_network import ACTIVATIONS, initial_cholesky_factor
 from jaxrmp.learning._metric_training import field_loss, train_metrics
 
@@ -121,3 +121,9 @@ def test_training_that_diverges_is_an_error():
         train_metrics(x, slope, velocity, hidden=(8,), updates=50, learning_rate=1e30)
     with pytest.raises(TrainingError, match="not finite"):
         train_metrics(x, slope, velocity.at[0, 3, 1].set(jnp.nan), hidden=(8,), updates=50)
+
+
+def test_no_updates_are_refused():
+    x = jnp.zeros((1, 4, 3))
+    with pytest.raises(ConfigurationError, match="updates is 0, expected at least 1"):
+        train_metrics(x, x, x, updates=0)

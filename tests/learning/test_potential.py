@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scipy.optimize import nnls
 
-from jaxrmp import ConvexProgramError, DemonstrationError
+from jaxrmp import ConfigurationError, ConvexProgramError, DemonstrationError
 from jaxrmp.learning._potential_program import fit_potential, goal_hessian_eigenvalues, slope_map
 
 ETA = 30.0
@@ -145,3 +145,18 @@ def test_a_goal_that_is_no_minimum_is_an_error():
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     with pytest.raises(ConvexProgramError, match=r"no minimum at the goal: its Hessian there has eigenvalues \(-"):
         fit_potential(points, directions, 0.05)
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"width": 0.0}, "width is 0.0, expected a positive number"),
+        ({"width": float("nan")}, "width is nan"),
+        ({"width": 0.05, "sharpness": float("inf")}, "sharpness is inf"),
+        ({"width": 0.05, "end_weight": -1.0}, "end_weight is -1.0"),
+        ({"width": 0.05, "regularization": -1e-3}, "regularization is -0.001, expected a number that is not negative"),
+    ],
+)
+def test_settings_out_of_range_are_named(settings, message):
+    with pytest.raises(ConfigurationError, match=message):
+        fit_potential(*arc(), **settings)
