@@ -64,7 +64,7 @@ def resolve(form: NaturalForm, method: Method = "cholesky") -> jax.Array:
 
     - `"cholesky"`, for run time: `M` symmetric and positive definite. Nothing is added to it: where it is singular
       the result is NaN or infinite, and the cure is a leaf that gives every direction some metric, such as a small
-      `JointDamping`.
+      `Damping`.
     - `"pinv"`, as in the paper: the pseudo-inverse, least acceleration where `M` is singular. Slower; it calls LAPACK.
     - `"lu"`, for the unsymmetric metrics of systems of more than one dimension whose metric depends on velocity.
 

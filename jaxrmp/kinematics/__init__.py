@@ -1,10 +1,14 @@
-"""Robots and where their frames are: loading, forward kinematics, control points."""
+"""Robots and where their frames are: loading, forward kinematics, control points, frames' axes."""
 
 from ._control_points import ControlPoints as ControlPoints
 from ._forward import forward_kinematics as forward_kinematics
 from ._forward import frame_poses as frame_poses
+from ._frame_axes import FrameAxes as FrameAxes
+from ._frame_axes import FrameRotation as FrameRotation
 from ._load import load_robot as load_robot
 from ._load import load_robot_from_string as load_robot_from_string
 from ._panda import PANDA_MODEL as PANDA_MODEL
 from ._panda import panda as panda
+from ._relative import PointsInFrame as PointsInFrame
+from ._relative import RelativePoints as RelativePoints
 from ._robot import Robot as Robot

@@ -53,7 +53,7 @@ class ControlPoints(TaskMap):
     def __call__(self, x):
         x = configuration(self.robot, x)
         motions, _ = self._point_motions(x, None)
-        return self._in_order([_rows(motion.position, (len(k),), x.dtype) for _, k, motion in motions])
+        return self._in_order([rows(motion.position, (len(k),), x.dtype) for _, k, motion in motions])
 
     def pushforward(self, x, xd):
         x, xd = configuration(self.robot, x), configuration(self.robot, xd, "xd")
@@ -61,10 +61,10 @@ class ControlPoints(TaskMap):
         motions, axes = self._point_motions(x, xd)
         groups = []
         for body, k, motion in motions:
-            columns = _jacobian_columns(self.robot.model, body, motion.position, axes, n, x.dtype)
+            columns = jacobian_columns(self.robot.model, body, motion.position, axes, n, x.dtype)
             shapes = ((len(k),), (len(k),), (len(k), n), (len(k),))
             entries = (motion.position, motion.velocity, columns, motion.acceleration)
-            groups.append([_rows(v, shape, x.dtype) for v, shape in zip(entries, shapes, strict=True)])
+            groups.append([rows(v, shape, x.dtype) for v, shape in zip(entries, shapes, strict=True)])
         return Pushforward(*(self._in_order(column) for column in zip(*groups, strict=True)))
 
     def _groups(self) -> list[tuple[str, list[int]]]:
@@ -91,7 +91,7 @@ class ControlPoints(TaskMap):
         return joined if order == sorted(order) else joined[np.argsort(order)]
 
 
-def _jacobian_columns(
+def jacobian_columns(
     model: KinematicModel, body: int, position: Vector, axes: dict[int, JointAxis], n: int, dtype: Any
 ) -> Vector:
     """The three rows of the Jacobian of K points at `position` (entries [K]) on `body`: three arrays [K, n]."""
@@ -131,6 +131,6 @@ def _entries(vectors: list[Vector], dtype: Any) -> Vector:
     return x, y, z
 
 
-def _rows(vector: Vector, shape: tuple[int, ...], dtype: Any) -> jax.Array:
+def rows(vector: Vector, shape: tuple[int, ...], dtype: Any) -> jax.Array:
     """Three components of `shape` [K, ...] as one array [K, 3, ...]."""
     return jnp.stack([jnp.broadcast_to(jnp.asarray(v, dtype), shape) for v in vector], axis=1)

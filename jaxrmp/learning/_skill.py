@@ -11,7 +11,7 @@ from .._pytree import pytree, static
 from .._task_map import RigidTransform, Selection, TaskMap, Translation, check_rigid, compose
 from .._tree import Batched, Node, pullback
 from ..kinematics import ControlPoints, Robot
-from ..leaves import JointDamping, JointLimit, Learned
+from ..leaves import Damping, JointLimit, Learned
 from ._configuration import Configuration, PolicySettings
 
 
@@ -58,7 +58,7 @@ class Skill:
     def tree(self, robot: Robot, T_base_object: jax.Array | None = None, targets: jax.Array | None = None) -> Node:
         """The whole policy: learned leaves, joint damping and joint limits; arguments as in `task_map`."""
         policy = self.configuration.policy
-        damping = JointDamping(policy.joint_damping_weight, policy.joint_damping_rate)
+        damping = Damping(policy.joint_damping_weight, policy.joint_damping_rate, name="joint_damping")
         tree = self.leaf(robot, T_base_object, targets) + damping
         limits = joint_limits(robot, policy)
         return tree if limits is None else tree + limits

@@ -1,7 +1,13 @@
 """Leaves: one published policy a file."""
 
-from ._joint_damping import JointDamping as JointDamping
+from ._attractor import Attractor as Attractor
+from ._collision_avoidance import CollisionAvoidance as CollisionAvoidance
+from ._damping import Damping as Damping
+from ._formation import Formation as Formation
 from ._joint_limit import JointLimit as JointLimit
 from ._learned import Learned as Learned
 from ._learned import natural_gradient_field as natural_gradient_field
 from ._nominal_potential import NominalPotential as NominalPotential
+from ._orientation_attractor import OrientationAttractor as OrientationAttractor
+from ._posture import Posture as Posture
+from ._stretched_attractor import StretchedAttractor as StretchedAttractor

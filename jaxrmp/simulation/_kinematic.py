@@ -1,5 +1,6 @@
 """Kinematic simulation: joints that do exactly what the policy asks."""
 
+from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -36,10 +37,13 @@ def rollout(
     **Arguments**: `tree`, a node on joint space; `q` [n], rad or m; `qd` [n], per second, default rest; `duration` and
     `dt`, seconds; `substeps`, policy evaluations per recorded step of `dt`.
     **Returns** a `Rollout` with `T = round(duration / dt) + 1`. One compiled loop under `jax.jit`; `vmap` over starts.
+    Gradients with respect to the tree's parameters go through it; they keep the states, not what made them.
     """
     qd = jnp.zeros_like(q) if qd is None else qd
     h = dt / substeps
 
+    # For gradients, a step is computed again rather than kept: a fortieth of the memory, and faster (on a CPU).
+    @partial(jax.checkpoint, prevent_cse=False)
     def advance(state, _):
         q, qd = state
         qd = qd + h * acceleration(tree, q, qd, method)

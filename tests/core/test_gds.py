@@ -9,7 +9,7 @@ from jax.tree_util import Partial
 from jaxrmp import GDS, SeparableGDS, acceleration, batched, certificate, compose, pullback
 from jaxrmp._pytree import pytree, static
 from jaxrmp._task_map import Distance
-from jaxrmp.leaves import JointDamping, JointLimit, Learned, NominalPotential
+from jaxrmp.leaves import Damping, JointLimit, Learned, NominalPotential
 
 pytestmark = pytest.mark.usefixtures("x64")
 STATES = 200
@@ -152,12 +152,12 @@ LIMIT = dict(weight=0.5, sigma=0.3, stiffness=2.0, damping_rate=0.7)
 @pytest.mark.parametrize(
     ("make", "n"),
     [
-        (lambda: JointDamping(0.2, 1.5), 3),
+        (lambda: Damping(0.2, 1.5), 3),
         (lambda: JointLimit(-jnp.ones(3), jnp.ones(3), **LIMIT), 3),
         (learned_leaf, 3),
         (lambda: pullback(Partial(lambda x: x + 2.0), Collision(alpha=0.1, eta=0.4)), 3),
     ],
-    ids=["joint damping", "joint limit", "learned", "collision"],
+    ids=["damping", "joint limit", "learned", "collision"],
 )
 def test_every_leaf_keeps_its_certificate(make, n):
     assert_certified(make(), n)
@@ -177,7 +177,7 @@ def test_trees_keep_the_certificate(random_map, random_gds):
             + pullback(task, Collision(alpha=0.1, eta=0.4))
             + pullback(random_map(seed + 5, 5, 3), learned_leaf(seed))
             + JointLimit(-jnp.ones(5), jnp.ones(5), **LIMIT)
-            + JointDamping(0.05, 1.0)
+            + Damping(0.05, 1.0)
         )
 
     for seed in (0, 100, 200):
@@ -185,7 +185,7 @@ def test_trees_keep_the_certificate(random_map, random_gds):
 
 
 def test_a_velocity_dependent_tree_of_several_dimensions_keeps_the_certificate_by_lu(random_map, random_gds):
-    tree = pullback(random_map(0, 4, 3), random_gds(1, 3, 0.5)) + JointDamping(0.1, 1.0)
+    tree = pullback(random_map(0, 4, 3), random_gds(1, 3, 0.5)) + Damping(0.1, 1.0)
     assert_certified(tree, 4, run=residuals_by_lu)
 
 

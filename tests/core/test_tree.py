@@ -27,7 +27,7 @@ from jaxrmp import (
     uncertified_leaves,
 )
 from jaxrmp._pytree import pytree, static
-from jaxrmp.leaves import JointDamping, JointLimit
+from jaxrmp.leaves import Damping, JointLimit
 
 pytestmark = pytest.mark.usefixtures("x64")
 STATES = 20
@@ -111,15 +111,15 @@ def test_batched_parameters_need_one_common_leading_axis(random_gds):
     with pytest.raises(ShapeError, match=r"common leading axis, received leading axes.*shared=True"):
         Batched(random_gds(0, 3))
     with pytest.raises(ShapeError, match="common leading axis"):
-        Batched(JointDamping())  # numbers have no axes at all
+        Batched(Damping())  # numbers have no axes at all
     with pytest.raises(ShapeError, match=r"\(2,\), \(3,\)"):
-        Batched(JointDamping(jnp.ones(2), jnp.ones(3)))
+        Batched(Damping(jnp.ones(2), jnp.ones(3)))
     with pytest.raises(ShapeError, match="at least one node"):
         batched()
 
 
 def test_batching_stacks_plain_numbers_too():
-    two = batched(JointDamping(1.0, 2.0), JointDamping(3.0, 4.0))
+    two = batched(Damping(1.0, 2.0), Damping(3.0, 4.0))
     form = two(jnp.zeros((2, 1)), jnp.ones((2, 1)))
     np.testing.assert_allclose(form.M.ravel(), [1, 3])
     np.testing.assert_allclose(form.f.ravel(), [-2, -12])
@@ -135,7 +135,7 @@ def whole_tree(random_map, random_gds):
         pullback(points, batched(random_gds(2, 3), random_gds(3, 3)))
         + pullback(compose(random_map(4, 4, 3), Distance(jnp.ones(3), 0.1)), random_gds(5, 1, 0.5, "obstacle"))
         + JointLimit(-jnp.ones(4), jnp.ones(4), sigma=1.0)
-        + JointDamping(0.1, 2.0)
+        + Damping(0.1, 2.0)
     )
 
 
@@ -154,7 +154,7 @@ def test_changing_parameters_does_not_retrace(random_map, random_gds):
         traces.append(1)
         return acceleration(tree, q, qd)
 
-    tree = pullback(random_map(0, 4, 3), random_gds(1, 3)) + JointDamping(0.1, 2.0)
+    tree = pullback(random_map(0, 4, 3), random_gds(1, 3)) + Damping(0.1, 2.0)
     fresh = jax.jit(acceleration)
     q, qd = (a[0] for a in states(7, 4))
     results = [qdd(tree, q, qd)]
@@ -165,7 +165,7 @@ def test_changing_parameters_does_not_retrace(random_map, random_gds):
     assert len(traces) == 1
     assert not np.allclose(results[0], results[1])
 
-    renamed = JointDamping(0.1, 2.0, name="another")  # structure, unlike a gain, is part of the program
+    renamed = Damping(0.1, 2.0, name="another")  # structure, unlike a gain, is part of the program
     qdd(Sum((*tree.nodes[:-1], renamed)), q, qd)
     assert len(traces) == 2
 
@@ -176,7 +176,7 @@ def test_gradients_reach_every_gain_and_agree_with_differences(random_map, rando
 
     def tree(gains):
         limit = JointLimit(gains[0] - 2, gains[0] + 2, weight=gains[1], sigma=gains[2], stiffness=gains[3])
-        return pullback(psi, leaf) + limit + JointDamping(gains[4], gains[5])
+        return pullback(psi, leaf) + limit + Damping(gains[4], gains[5])
 
     def loss(gains):
         return jnp.sum(acceleration(tree(gains), q, qd) ** 2)
@@ -190,7 +190,7 @@ def test_gradients_reach_every_gain_and_agree_with_differences(random_map, rando
 
 
 def test_vmap_over_trees_is_the_trees_one_by_one(random_gds):
-    trees = [random_gds(k, 3) + JointDamping(0.1 * (k + 1), 1.0) for k in range(4)]
+    trees = [random_gds(k, 3) + Damping(0.1 * (k + 1), 1.0) for k in range(4)]
     stacked = jax.tree.map(lambda *a: jnp.stack([jnp.asarray(v) for v in a]), *trees)
     q, qd = (a[0] for a in states(9, 3))
     together = jax.jit(jax.vmap(acceleration, in_axes=(0, None, None)))(stacked, q, qd)
@@ -200,7 +200,7 @@ def test_vmap_over_trees_is_the_trees_one_by_one(random_gds):
 
 def test_second_derivatives_of_a_policy_agree_with_differences(random_map, random_gds):
     tree = pullback(random_map(0, 3, 2), random_gds(1, 2, 0.5)) + JointLimit(-jnp.ones(3), jnp.ones(3), sigma=1.0)
-    tree = tree + JointDamping(0.1)
+    tree = tree + Damping(0.1)
     q, qd = (a[0] for a in states(10, 3))
     v = jnp.asarray([0.3, -0.5, 0.2])
 
@@ -220,8 +220,8 @@ def test_sums_flatten_and_leaves_come_in_order(random_map, random_gds):
     a, b, c, d = (random_gds(k, 3, name=name) for k, name in enumerate("abcd"))
     total = (a + b) + (c + d)
     assert isinstance(total, Sum) and total.nodes == (a, b, c, d)
-    tree = pullback(random_map(0, 4, 3), total) + pullback(random_map(1, 4, 1), Batched(JointDamping(), shared=True))
-    assert [leaf.name for leaf in tree.leaves()] == ["a", "b", "c", "d", "joint_damping"]
+    tree = pullback(random_map(0, 4, 3), total) + pullback(random_map(1, 4, 1), Batched(Damping(), shared=True))
+    assert [leaf.name for leaf in tree.leaves()] == ["a", "b", "c", "d", "damping"]
     with pytest.raises(TypeError, match="unsupported operand"):
         a + 1  # type: ignore[operator]
 
@@ -230,7 +230,7 @@ def test_sums_flatten_and_leaves_come_in_order(random_map, random_gds):
 def test_the_motion_does_not_depend_on_the_coordinates(random_diffeomorphism, random_gds, speed):
     """If y = psi(x) is one to one, the policy pulled back to x moves y exactly as the policy on y does."""
     A = jnp.asarray(np.eye(3) + 0.3 * np.random.default_rng(0).normal(size=(3, 3)))
-    tree = random_gds(1, 3, speed) + JointDamping(0.3, 1.0)
+    tree = random_gds(1, 3, speed) + Damping(0.3, 1.0)
     method = "lu" if speed else "cholesky"
 
     @jax.jit
@@ -261,7 +261,7 @@ class Push(Leaf):
 
 
 def test_a_leaf_outside_the_certificate_is_named_and_breaks_it(random_map, random_gds):
-    certified = random_gds(0, 3) + JointDamping()
+    certified = random_gds(0, 3) + Damping()
     assert uncertified_leaves(certified) == ()
     tree = certified + pullback(stack(random_map(0, 3, 2)), Push(jnp.ones(2), "shove")) + Push(jnp.ones(3))
     assert uncertified_leaves(tree) == ("shove", "push")
@@ -274,7 +274,7 @@ def test_a_leaf_outside_the_certificate_is_named_and_breaks_it(random_map, rando
 
 
 def test_replacing_a_frozen_field_keeps_the_rest():
-    damping = replace(JointDamping(0.5, 3.0), weight=0.7)
+    damping = replace(Damping(0.5, 3.0), weight=0.7)
     assert (damping.weight, damping.damping_rate) == (0.7, 3.0)
     with pytest.raises(AttributeError, match="cannot assign"):
         damping.weight = 1.0  # type: ignore[misc]

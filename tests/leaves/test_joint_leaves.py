@@ -7,7 +7,7 @@ import pytest
 from jax.tree_util import Partial
 
 from jaxrmp import GDS, Pointwise, RobotError, acceleration, pullback
-from jaxrmp.leaves import JointDamping, JointLimit
+from jaxrmp.leaves import Damping, JointLimit
 from jaxrmp.simulation import rollout
 
 LOWER, UPPER = np.array([-1.0, -2.0, 0.5]), np.array([1.0, 3.0, 0.9])
@@ -173,7 +173,7 @@ def test_a_coasting_joint_is_slowed_down_as_its_energy_says(speed):
 @pytest.mark.usefixtures("x64")
 def test_joint_damping_alone_is_exponential_decay():
     qd = jnp.asarray([1.0, -2.0])
-    damping = JointDamping(jnp.asarray([0.1, 5.0]), jnp.asarray([2.0, 3.0]))
+    damping = Damping(jnp.asarray([0.1, 5.0]), jnp.asarray([2.0, 3.0]))
     np.testing.assert_allclose(acceleration(damping, jnp.zeros(2), qd), [-2.0, 6.0], rtol=1e-12)
     np.testing.assert_allclose(damping(qd, qd).M, np.diag([0.1, 5.0]), rtol=1e-12)
     np.testing.assert_allclose(damping.dissipation(qd, qd), 0.1 * 2 + 5 * 3 * 4, rtol=1e-12)
@@ -189,11 +189,11 @@ def strict():
 @pytest.mark.usefixtures("strict")
 def test_joint_leaves_mix_no_dtypes():
     q = jnp.asarray([0.2, -0.4], jnp.float32)
-    tree = JointLimit(-jnp.ones(2), jnp.ones(2)) + JointDamping()
+    tree = JointLimit(-jnp.ones(2), jnp.ones(2)) + Damping()
     qdd = jax.jit(acceleration)(tree, q, q)
     assert qdd.dtype == jnp.float32
     assert np.isfinite(qdd).all()
-    assert pullback(Pointwise(lambda x: 2.0 * x), JointDamping()).energy(q[:, None], q[:, None]).dtype == jnp.float32
+    assert pullback(Pointwise(lambda x: 2.0 * x), Damping()).energy(q[:, None], q[:, None]).dtype == jnp.float32
 
 
 @pytest.mark.usefixtures("x64")
@@ -203,6 +203,6 @@ def test_single_precision_states_stay_single_whatever_the_parameters_are():
     limit = JointLimit(
         jnp.asarray(LOWER), jnp.asarray(UPPER), weight=gain, sigma=gain, stiffness=gain, damping_rate=gain
     )
-    for leaf in (limit, JointDamping(gain, gain)):
+    for leaf in (limit, Damping(gain, gain)):
         form = leaf(q, q)
         assert form.f.dtype == form.M.dtype == leaf.energy(q, q).dtype == leaf.dissipation(q, q).dtype == jnp.float32

@@ -7,7 +7,7 @@ import pytest
 from jax.tree_util import Partial
 
 from jaxrmp import acceleration
-from jaxrmp.leaves import JointDamping, Learned, NominalPotential, natural_gradient_field
+from jaxrmp.leaves import Damping, Learned, NominalPotential, natural_gradient_field
 from jaxrmp.leaves._nominal_potential import log_cosh_of_square
 
 T = 25
@@ -145,7 +145,7 @@ def test_the_natural_gradient_of_a_batch():
 @pytest.mark.usefixtures("strict")
 def test_the_learned_leaf_mixes_no_dtypes():
     x = jnp.asarray([0.2, -0.4, 0.1], jnp.float32)
-    tree = Learned(potential(np.float32), Partial(wavy_factor)) + JointDamping()
+    tree = Learned(potential(np.float32), Partial(wavy_factor)) + Damping()
     qdd = jax.jit(acceleration)(tree, x, x)
     assert qdd.dtype == jnp.float32
     assert np.isfinite(qdd).all()

@@ -8,7 +8,7 @@ from jax.tree_util import Partial
 from scipy.integrate import solve_ivp
 
 from jaxrmp import GDS, pullback
-from jaxrmp.leaves import JointDamping, JointLimit
+from jaxrmp.leaves import Damping, JointLimit
 from jaxrmp.simulation import rollout
 
 K, C, B = np.array([4.0, 9.0]), 0.5, np.array([0.6, 1.0])
@@ -68,7 +68,7 @@ def test_substeps_are_steps_that_are_not_recorded():
 def test_the_energy_of_a_certified_tree_does_not_rise_and_is_that_of_the_states():
     psi = Partial(lambda q: q[:2] + 0.3 * jnp.sin(q[1:]))
     limits = JointLimit(-3 * jnp.ones(3), 3 * jnp.ones(3), sigma=1.0)
-    tree = pullback(psi, oscillator()) + limits + JointDamping(0.1, 3.0)
+    tree = pullback(psi, oscillator()) + limits + Damping(0.1, 3.0)
     starts = jnp.asarray(np.random.default_rng(0).uniform(-1, 1, (6, 3)))
     paths = jax.jit(jax.vmap(lambda q: rollout(tree, q, duration=8.0, dt=0.002)))(starts)
     energy = np.asarray(paths.energy)
@@ -79,5 +79,5 @@ def test_the_energy_of_a_certified_tree_does_not_rise_and_is_that_of_the_states(
 
 
 def test_single_precision_rollouts_stay_single():
-    path = jax.jit(lambda q: rollout(JointDamping(), q, duration=0.1))(jnp.zeros(2, jnp.float32))
+    path = jax.jit(lambda q: rollout(Damping(), q, duration=0.1))(jnp.zeros(2, jnp.float32))
     assert {a.dtype.name for a in path} == {"float32"}

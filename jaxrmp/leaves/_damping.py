@@ -1,28 +1,33 @@
-"""Damping of every joint, with a constant metric."""
+"""Damping of a space, with a constant metric."""
 
 import jax
 import jax.numpy as jnp
 
 from .._gds import SeparableGDS
 from .._pytree import pytree, static
+from ._parameters import require
 
 
 @pytree
-class JointDamping(SeparableGDS):
-    """Slows every coordinate down, and gives the root a metric in directions that no task takes.
+class Damping(SeparableGDS):
+    """Slows every coordinate of its space down, and gives directions that no task takes a metric.
 
     `M = w I`, `B = eta w I`, no potential: alone, `xdd = -eta xd`.
 
     **Arguments**: `weight` w, the metric, as importance per coordinate, a number or [m]; `damping_rate` eta, per
-    second, a number or [m]. A weight of about 1e-3 next to tasks of weight 1 keeps the null space still and the root
-    metric invertible without being felt elsewhere.
+    second, a number or [m]. On joints, a weight of about 1e-3 next to tasks of weight 1 keeps the null space still and
+    the root metric invertible without being felt elsewhere.
+    **Raises** `ConfigurationError` for a negative weight or rate.
 
     RMPflow (Cheng et al. 2018), damper.
     """
 
     weight: jax.Array | float = 1e-3
     damping_rate: jax.Array | float = 1.0
-    name: str = static(default="joint_damping")
+    name: str = static(default="damping")
+
+    def __post_init__(self):
+        require(self, non_negative=("weight", "damping_rate"))
 
     def metric(self, x, xd):
         return jnp.broadcast_to(jnp.asarray(self.weight, x.dtype), x.shape)

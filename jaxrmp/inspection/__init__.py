@@ -1,0 +1,6 @@
+"""Which leaf is doing that? Every leaf's part in what a tree does."""
+
+from ._gap import gap as gap
+from ._inspect import Inspection as Inspection
+from ._inspect import inspect as inspect
+from ._table import table as table

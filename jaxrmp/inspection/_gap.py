@@ -1,0 +1,38 @@
+"""How far a leaf is from what it is about, as one number."""
+
+import jax
+import jax.numpy as jnp
+
+from .._tree import Node
+
+
+def gap(leaf: Node, x: jax.Array) -> jax.Array:
+    """How far a leaf is from what it is about: the distance left to its goal, or the least distance it keeps.
+
+    The leaf's own method `leaf.gap(x) -> scalar` where it has one; a leaf that keeps distances x [m] returns `x.min()`.
+    Without it: the least distance to a limit, for a leaf with fields `lower` and `upper` of the shape of x, negative
+    beyond the limit; `|x - goal|` for one with such a field `goal`, `target` or `rest`; else `|x|`, the distance to the
+    origin. At the goal itself the gradient is zero.
+
+    **Arguments**: `leaf`, any node at the end of a branch; `x`, its task position, of any shape.
+    **Returns** a scalar, units of x.
+    """
+    own = getattr(leaf, "gap", None)
+    if callable(own):
+        return jnp.asarray(own(x), x.dtype)
+    fields = {name: getattr(leaf, name, None) for name in ("lower", "upper", "goal", "target", "rest")}
+    given = {name: jnp.asarray(v, x.dtype) for name, v in fields.items() if v is not None and jnp.shape(v) == x.shape}
+    if "lower" in given and "upper" in given:
+        return jnp.minimum(x - given["lower"], given["upper"] - x).min()
+    for name in ("goal", "target", "rest"):
+        if name in given:
+            return length((x - given[name]).reshape(-1))
+    return length(x.reshape(-1))
+
+
+def length(v: jax.Array) -> jax.Array:
+    """Length over the last axis, with gradient zero at zero."""
+    square = jnp.sum(v * v, axis=-1)
+    # The inner where keeps sqrt away from zero, where its slope is infinite and would turn the zero into NaN.
+    at_zero = square == 0
+    return jnp.where(at_zero, 0.0, jnp.sqrt(jnp.where(at_zero, 1.0, square))).astype(v.dtype)

@@ -1,0 +1,245 @@
+"""NVIDIA's RMPflow policies, from the files that their tools read."""
+
+import dataclasses
+import os
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+
+from .._errors import ConfigurationError, ShapeError, UnknownNameError
+from .._pytree import pytree, static
+from .._tree import Batched, Leaf, Node, batched, pullback
+from .._trust_region import resolve_within
+from ..kinematics import ControlPoints, FrameAxes, Robot, load_robot
+from ..leaves.lula import (
+    AxisTarget,
+    Collision,
+    CSpaceTarget,
+    Inertia,
+    JointLimit,
+    JointVelocityCap,
+    PositionTarget,
+    SpeedDamping,
+)
+from ..world import Capsules, ObstacleDistances, RobotSpheres, Spheres, World
+from ._axes_and_position import AxesAndPosition
+from ._rmpflow_yaml import RmpflowSettings, read_rmpflow
+from ._separately import Separately
+from ._xrdf import read_xrdf
+
+
+@pytree
+class LulaPolicy:
+    """A policy of NVIDIA's Lula or cuMotion, as its files describe it; `tree` gives it targets and a world.
+
+    Its leaves are fields, and their gains parameters: change them with `dataclasses.replace`. Targets in them stand
+    for none. `spheres` are the robot's own for obstacles; the `controllers` keep off the capsules of `base`, which
+    stand in the robot's base frame. `inactive` names what the files set and no policy here acts on.
+    """
+
+    robot: Robot
+    cspace_target: CSpaceTarget
+    cspace_inertia: Inertia
+    joint_limit: JointLimit
+    joint_velocity_cap: JointVelocityCap
+    position_target: PositionTarget
+    axis_target: AxisTarget
+    collision: Collision
+    self_collision: Collision
+    point_cloud_collision: Collision | None
+    point_cloud_margin: jax.Array | float
+    damping: SpeedDamping
+    damping_inertia: Inertia
+    spheres: RobotSpheres
+    controllers: RobotSpheres
+    base: World
+    max_acceleration_norm: jax.Array | float
+    projection_tolerance: jax.Array | float
+    frame: str | None = static(default=None)
+    max_num_points: int = static(default=0)
+    inactive: tuple[str, ...] = static(default=())
+
+    def tree(
+        self,
+        *,
+        frame: str | None = None,
+        position_target: jax.Array | None = None,
+        x_axis_target: jax.Array | None = None,
+        y_axis_target: jax.Array | None = None,
+        z_axis_target: jax.Array | None = None,
+        cspace_target: jax.Array | None = None,
+        world: World | None = None,
+        point_cloud: jax.Array | None = None,
+    ) -> Node:
+        """The policy for these targets in this world, a node on the robot's joints.
+
+        **Arguments**: `frame`, which the targets are for, by default the first of the XRDF's tool frames;
+        `position_target` [3], m, where its origin shall be; `x_axis_target`, `y_axis_target`, `z_axis_target` [3], unit
+        vectors, where its axes shall point; `cspace_target` [n], the posture, by default the XRDF's; `world`, the
+        obstacles; `point_cloud` [N, 3], m, points that count as spheres of the file's margin, padded with points far
+        away to keep N. All of them in the robot's base frame, and what is left out does not act.
+        **Raises** `ShapeError`, `UnknownNameError` for a frame, `ConfigurationError` for an axis target that is not of
+        unit length, a point cloud that the files have no leaf for, or one larger than they allow.
+        """
+        node = self._joint_leaves(cspace_target)
+        axes = {0: x_axis_target, 1: y_axis_target, 2: z_axis_target}
+        axes = {
+            axis: _unit(target, f"{'xyz'[axis]}_axis_target") for axis, target in axes.items() if target is not None
+        }
+        if position_target is not None:
+            position_target = _vector(position_target, 3, "position_target")
+        if axes or position_target is not None:
+            node += self._frame_leaves(self._target_frame(frame), position_target, axes)
+        if self.controllers.size and self.base.size:
+            node += self._keep_off(self.controllers, self.base, self.self_collision)
+        if world is not None and world.size and self.spheres.size:
+            node += self._keep_off(self.spheres, world, self.collision)
+        if point_cloud is not None and self.spheres.size:
+            node += self._point_cloud_leaf(point_cloud)
+        return node
+
+    def acceleration(self, tree: Node, q: jax.Array, qd: jax.Array) -> jax.Array:
+        """The joint acceleration of `tree`, resolved by `resolve_within` the file's `max_acceleration_norm`.
+
+        **Arguments**: `tree`, as from `tree`; `q`, `qd` [n], in the order of `robot.joint_names`.
+        **Returns** `qdd` [n], per second squared.
+        """
+        return resolve_within(tree(q, qd), self.max_acceleration_norm, self.projection_tolerance)
+
+    def _joint_leaves(self, cspace_target) -> Node:
+        posture = self.cspace_target
+        if cspace_target is not None:
+            target = _vector(cspace_target, self.robot.num_joints, "cspace_target")
+            posture = dataclasses.replace(posture, target=target)
+        return posture + self.cspace_inertia + self.joint_limit + self.joint_velocity_cap
+
+    def _target_frame(self, frame: str | None) -> str:
+        frame = frame or self.frame
+        if frame is None:
+            raise ConfigurationError("the XRDF has no tool_frames: say which frame the targets are for, frame=...")
+        self.robot.frame_index(frame)
+        return frame
+
+    def _frame_leaves(self, frame: str, position_target, axes: dict[int, jax.Array]) -> Node:
+        here: Node = self.damping + self.damping_inertia
+        if position_target is not None:
+            here = dataclasses.replace(self.position_target, target=position_target) + here
+        node: Node = pullback(ControlPoints(self.robot, (frame,)), Batched(here, shared=True))
+        if axes:
+            turns = batched(
+                *(
+                    dataclasses.replace(self.axis_target, target=target, position_target=position_target)
+                    for target in axes.values()
+                )
+            )
+            space = FrameAxes if position_target is None else AxesAndPosition
+            node += pullback(space(self.robot, frame, tuple(axes)), turns)
+        return node
+
+    def _keep_off(self, spheres: RobotSpheres, world: World, leaf: Leaf) -> Node:
+        distances = ObstacleDistances(spheres.points(self.robot), world, spheres.radii)
+        return pullback(Separately(distances), leaf)
+
+    def _point_cloud_leaf(self, points) -> Node:
+        if self.point_cloud_collision is None:
+            raise ConfigurationError(
+                "the configuration has no point_cloud_obstacle_rmp, so there is no leaf for points."
+            )
+        points = jnp.asarray(points)
+        if points.ndim != 2 or points.shape[1] != 3:
+            raise ShapeError(f"point_cloud has shape {points.shape}, expected (N, 3).")
+        if len(points) > self.max_num_points:
+            raise ConfigurationError(
+                f"point_cloud has {len(points)} points, max_num_obstacles of the file allows {self.max_num_points}. "
+                "Thin it out, or raise the number."
+            )
+        radius = jnp.full(points.shape[:1], self.point_cloud_margin, points.dtype)
+        world = World(spheres=Spheres(points, radius))
+        return self._keep_off(self.spheres, world, self.point_cloud_collision)
+
+
+def load_lula(urdf: str | os.PathLike, xrdf: str | os.PathLike, rmpflow_yaml: str | os.PathLike) -> LulaPolicy:
+    """Read a policy of NVIDIA's Lula or cuMotion from its three files.
+
+    Joints outside the XRDF's `cspace` are locked at its `default_joint_positions`. Meshes need not be there.
+
+    **Arguments**: the robot; its description, with the spheres for obstacles; the RMPflow configuration.
+    **Returns** a `LulaPolicy`.
+    **Raises** `UnknownNameError` for a key, frame or joint that is not there, `ConfigurationError` for a missing key
+    and a value of a wrong type or sign, all naming key and line; `RobotError` as `load_robot`;
+    `MissingDependencyError` without PyYAML.
+
+    NVIDIA, "Lula RMPflow" and "Extended Robot Description Format"; the same numbers as cuMotion 1.1.0 to rounding.
+    """
+    description = read_xrdf(xrdf)
+    defaults = description.default_joint_positions
+    locked = {name: value for name, value in defaults.items() if name not in description.joint_names}
+    robot = load_robot(urdf, fixed=locked)
+    for name in description.joint_names:
+        robot.joint_index(name)
+    free = [name for name in robot.joint_names if name not in description.joint_names]
+    if free:
+        raise ConfigurationError(
+            f"{xrdf}: joints {free} of {urdf} are neither in cspace nor in default_joint_positions. "
+            "Give them a position."
+        )
+    description.check_frames(robot.frame_names)
+    settings = read_rmpflow(rmpflow_yaml, len(description.joint_names))
+    for name, setting in settings.controller_lines.items():
+        if name not in robot.frame_names:
+            hint = f"{setting.source} names it in line {setting.line}."
+            raise UnknownNameError("frame", name, robot.frame_names, hint)
+
+    order = [description.joint_names.index(name) for name in robot.joint_names]
+    posture = np.array([defaults[name] for name in robot.joint_names])
+    return _policy(robot, posture, description.world_spheres, description.tool_frames, settings, order)
+
+
+def _policy(robot, posture, spheres, tool_frames, settings: RmpflowSettings, order) -> LulaPolicy:
+    gains = {name: dict(section) for name, section in settings.gains.items()}
+    buffers = settings.joint_limit_buffers[order]
+    cspace_inertia, damping_inertia = gains["cspace_target_rmp"].pop("inertia"), gains["damping_rmp"].pop("inertia")
+    cloud = gains.get("point_cloud_obstacle_rmp")
+    margin, most = (cloud.pop("margin"), int(cloud.pop("max_num_obstacles"))) if cloud else (0.0, 0)
+    count = len(settings.controllers)
+    return LulaPolicy(
+        robot=robot,
+        cspace_target=CSpaceTarget(posture, **gains["cspace_target_rmp"]),
+        cspace_inertia=Inertia(cspace_inertia, name="cspace_inertia"),
+        joint_limit=JointLimit(robot.lower + buffers, robot.upper - buffers, **gains["joint_limit_rmp"]),
+        joint_velocity_cap=JointVelocityCap(**gains["joint_velocity_cap_rmp"]),
+        position_target=PositionTarget(np.zeros(3), **gains["target_rmp"]),
+        axis_target=AxisTarget(np.zeros(3), **gains["axis_target_rmp"]),
+        collision=Collision(**gains["collision_rmp"]),
+        self_collision=Collision(**gains["collision_rmp"], name="self_collision"),
+        point_cloud_collision=Collision(**cloud, name="point_cloud_collision") if cloud else None,
+        point_cloud_margin=margin,
+        damping=SpeedDamping(**gains["damping_rmp"]),
+        damping_inertia=Inertia(damping_inertia, name="damping_inertia"),
+        spheres=spheres,
+        controllers=RobotSpheres(
+            tuple(settings.controllers), np.zeros((count, 3)), np.array(list(settings.controllers.values()))
+        ),
+        base=World(capsules=Capsules(*settings.capsules)),
+        max_acceleration_norm=settings.max_acceleration_norm,
+        projection_tolerance=settings.projection_tolerance,
+        frame=tool_frames[0] if tool_frames else None,
+        max_num_points=most,
+        inactive=settings.inactive,
+    )
+
+
+def _vector(value, size: int, name: str) -> jax.Array:
+    value = jnp.asarray(value)
+    if value.shape != (size,):
+        raise ShapeError(f"{name} has shape {value.shape}, expected ({size},).")
+    return value
+
+
+def _unit(value, name: str) -> jax.Array:
+    value = _vector(value, 3, name)
+    if not isinstance(value, Tracer) and abs(float(jnp.linalg.norm(value)) - 1) > 1e-3:
+        raise ConfigurationError(f"{name} must be a unit vector, received {np.asarray(value).tolist()}.")
+    return value

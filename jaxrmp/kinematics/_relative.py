@@ -1,0 +1,62 @@
+"""Points of the robot as seen from other points and frames of it."""
+
+import jax.numpy as jnp
+
+from .._pytree import pytree, static
+from .._task_map import Pushforward, TaskMap, pushforward
+from ._control_points import ControlPoints
+from ._frame_axes import FrameAxes
+from ._robot import Robot
+
+
+@pytree
+class RelativePoints(TaskMap):
+    """Points less points, in world axes: `y = a(q) - b(q)`, such as one end-effector from the other's place.
+
+    **Arguments**: `points_a`, `points_b`, two maps of the same joints to points [K, 3] (one of them may give [1, 3]),
+    such as `ControlPoints` of two arms.
+    **Returns**, called with `q` [n], the differences [K, 3], m.
+    """
+
+    points_a: TaskMap
+    points_b: TaskMap
+
+    def __call__(self, x):
+        return self.points_a(x) - self.points_b(x)
+
+    def pushforward(self, x, xd):
+        a, b = pushforward(self.points_a, x, xd), pushforward(self.points_b, x, xd)
+        return Pushforward(*(of_a - of_b for of_a, of_b in zip(a, b, strict=True)))
+
+
+@pytree
+class PointsInFrame(TaskMap):
+    """Points in the axes of a moving frame of the robot: `y = R_world_frame(q)^T (p(q) - o_frame(q))`.
+
+    As `RelativePoints`, but turning with the frame: what one hand holds, seen from the other hand.
+
+    **Arguments**: `robot`; `frame`, the name of a body or site; `points`, a map of the same joints to points [K, 3].
+    **Returns**, called with `q` [n], the points in the frame [K, 3], m.
+    **Raises** `UnknownNameError` for an unknown frame.
+    """
+
+    robot: Robot
+    frame: str = static()
+    points: TaskMap
+
+    def __post_init__(self):
+        self.robot.frame_index(self.frame)
+
+    def __call__(self, x):
+        return self._offsets()(x) @ FrameAxes(self.robot, self.frame)(x).T
+
+    def pushforward(self, x, xd):
+        p, axes = self._offsets().pushforward(x, xd), FrameAxes(self.robot, self.frame).pushforward(x, xd)
+        R_frame_world = axes.y
+        J = jnp.einsum("ain,ki->kan", axes.J, p.y) + jnp.einsum("ai,kin->kan", R_frame_world, p.J)
+        yd = p.y @ axes.yd.T + p.yd @ R_frame_world.T
+        c = p.y @ axes.c.T + 2 * p.yd @ axes.yd.T + p.c @ R_frame_world.T
+        return Pushforward(p.y @ R_frame_world.T, yd, J, c)
+
+    def _offsets(self) -> RelativePoints:
+        return RelativePoints(self.points, ControlPoints(self.robot, (self.frame,)))

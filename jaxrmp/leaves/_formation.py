@@ -1,0 +1,41 @@
+"""A distance that is to be kept."""
+
+import jax
+import jax.numpy as jnp
+
+from .._gds import SeparableGDS
+from .._pytree import pytree, static
+from ._parameters import require
+
+
+@pytree
+class Formation(SeparableGDS):
+    """Keeps distances: draws every coordinate `x = |y - c| - distance` of its space to zero.
+
+    `M = w I`, `Phi = 1/2 gain w x^2`, `B = damping_rate w I`: alone, `xdd = -gain x - damping_rate xd`. The space is
+    the range of `Distance(c, distance)`, for a fixed point c, or, for two points that move, of
+    `compose(RelativePoints(a, b), Pointwise(Distance(jnp.zeros(3), distance)))` with this leaf in a `Batched` node.
+    At `y = c` itself, where no direction is better than another, `Distance` gives it no force.
+
+    **Arguments**: `weight` w, the metric; `gain`, 1/s^2; `damping_rate`, 1/s; numbers or [m].
+    **Raises** `ConfigurationError` for a negative parameter.
+
+    Li et al. 2019, multi-robot RMPflow, distance preservation.
+    """
+
+    weight: jax.Array | float = 1.0
+    gain: jax.Array | float = 1.0
+    damping_rate: jax.Array | float = 2.0
+    name: str = static(default="formation")
+
+    def __post_init__(self):
+        require(self, non_negative=("weight", "gain", "damping_rate"))
+
+    def metric(self, x, xd):
+        return jnp.broadcast_to(jnp.asarray(self.weight, x.dtype), x.shape)
+
+    def potential(self, x):
+        return (0.5 * self.gain * self.weight * x * x).astype(x.dtype)
+
+    def damping(self, x, xd):
+        return (self.damping_rate * self.metric(x, xd)).astype(x.dtype)

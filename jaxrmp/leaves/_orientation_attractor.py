@@ -1,0 +1,67 @@
+"""Attraction to an orientation, on SO(3) itself."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+
+from .._errors import ShapeError
+from .._gds import GeometricDynamicalSystem
+from .._pytree import pytree, set_field, static
+from .._task_map import check_rigid
+from ._parameters import require
+
+
+@pytree
+class OrientationAttractor(GeometricDynamicalSystem):
+    """Turns a frame to a goal orientation along the shortest rotation.
+
+    Its space is the rotation matrix, row by row, y [9] (`kinematics.FrameRotation`): no angles, so no chart and no
+    singularity. The metric `G = w/2 I` there is `w I` on the angular velocity, `|Rdot|^2 = 2 |omega|^2`, and constant,
+    so there are no curvature terms but those of the task map. With the angle t to the goal,
+    `u = |y - y_goal|^2 / 8 = sin(t / 2)^2`:
+    `Phi = 4 w stiffness u / (1 + sqrt(1 - (1 - rounding) u))`, `B = damping_rate G`. The torque is
+    `w stiffness sin(t) / sqrt(1 - (1 - rounding) sin(t / 2)^2)` about the axis of the shortest rotation: w stiffness t
+    near the goal, about `2 w stiffness sin(t / 2)` beyond, until it falls to zero within some `2 sqrt(rounding)` rad of
+    half a turn. `rounding = 1` gives the plain `Phi = w stiffness (3 - trace(R_goal^T R)) / 2`.
+
+    The only rest points are the goal and the half turns, where Phi is highest and no direction is shorter: a frame
+    exactly there and at rest stays; any disturbance frees it. No smooth potential on SO(3) can do without such points.
+
+    **Arguments**: `R_world_goal` [3, 3]; `weight` w, the metric per (rad)^2; `stiffness`, 1/s^2; `damping_rate`, 1/s;
+    `rounding`, in (0, 1].
+    **Raises** `RigidTransformError` if the goal is no rotation, `ShapeError` if it is not [3, 3], `ConfigurationError`
+    for a rounding that is not positive or another negative parameter.
+
+    Bullo and Lewis, Geometric Control of Mechanical Systems, chapter 11 (error functions on SO(3)).
+    """
+
+    R_world_goal: jax.Array
+    weight: jax.Array | float = 1.0
+    stiffness: jax.Array | float = 25.0
+    damping_rate: jax.Array | float = 10.0
+    rounding: jax.Array | float = 0.05
+    name: str = static(default="orientation_attractor")
+
+    def __post_init__(self):
+        if not isinstance(self.R_world_goal, Tracer):
+            R = np.asarray(self.R_world_goal)
+            if R.shape != (3, 3):
+                raise ShapeError(f"R_world_goal has shape {R.shape}, expected (3, 3).")
+            T = np.eye(4)
+            T[:3, :3] = R
+            check_rigid(T, "R_world_goal")
+        set_field(self, "R_world_goal", jnp.asarray(self.R_world_goal))
+        require(self, positive=("rounding",), non_negative=("weight", "stiffness", "damping_rate"))
+
+    def metric(self, x, xd):
+        return 0.5 * jnp.asarray(self.weight, x.dtype) * jnp.eye(9, dtype=x.dtype)
+
+    def potential(self, x):
+        offset = x - jnp.asarray(self.R_world_goal, x.dtype).reshape(9)
+        u = offset @ offset / 8
+        well = u / (1 + jnp.sqrt(1 - (1 - self.rounding) * u))
+        return (4 * self.weight * self.stiffness * well).astype(x.dtype)
+
+    def damping(self, x, xd):
+        return (self.damping_rate * self.metric(x, xd)).astype(x.dtype)

@@ -1,0 +1,41 @@
+"""A preferred posture."""
+
+import jax
+import jax.numpy as jnp
+
+from .._gds import SeparableGDS
+from .._pytree import pytree, static
+from ._parameters import require
+
+
+@pytree
+class Posture(SeparableGDS):
+    """Draws joints to a posture where no task needs them: it decides among the configurations that serve a task.
+
+    `M = w I`, `Phi = 1/2 w stiffness |q - rest|^2`, `B = damping_rate w I`: alone,
+    `qdd = stiffness (rest - q) - damping_rate qd`, critically damped at `damping_rate = 2 sqrt(stiffness)`.
+
+    **Arguments**: `rest` [n], rad or m; `weight` w, the metric, small next to that of tasks; `stiffness`, 1/s^2;
+    `damping_rate`, 1/s. The gains may be numbers or [n].
+    **Raises** `ConfigurationError` for a negative gain.
+
+    RMPflow (Cheng et al. 2018), the isotropic attractor with a constant metric.
+    """
+
+    rest: jax.Array
+    weight: jax.Array | float = 1e-2
+    stiffness: jax.Array | float = 4.0
+    damping_rate: jax.Array | float = 4.0
+    name: str = static(default="posture")
+
+    def __post_init__(self):
+        require(self, non_negative=("weight", "stiffness", "damping_rate"))
+
+    def metric(self, x, xd):
+        return jnp.broadcast_to(jnp.asarray(self.weight, x.dtype), x.shape)
+
+    def potential(self, x):
+        return (0.5 * self.weight * self.stiffness * (x - jnp.asarray(self.rest, x.dtype)) ** 2).astype(x.dtype)
+
+    def damping(self, x, xd):
+        return (self.damping_rate * self.metric(x, xd)).astype(x.dtype)

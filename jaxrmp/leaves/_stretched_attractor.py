@@ -1,0 +1,88 @@
+"""Attraction to a point, whose metric insists on the direction of the goal."""
+
+import jax
+import jax.numpy as jnp
+
+from .._gds import GeometricDynamicalSystem
+from .._pytree import pytree, static
+from ._gaussian_well import gaussian_weight, gaussian_well
+from ._parameters import require
+
+
+@pytree
+class StretchedAttractor(GeometricDynamicalSystem):
+    """Pulls a point to a goal and, far from it, leaves the sideways directions to other policies.
+
+    With `z = x - goal`, `r = |z|` and the bumps `k(r, s) = (1 - floor) exp(-r^2 / (2 s^2)) + floor`:
+    `w = (weight_near - weight_far) k(r, width) + weight_far`, `a = k(r, stretch_width)`,
+    `G = w ((1 - a) z z^T / r^2 + (a + isotropy) I)`, force `-gain G tanh(sharpness r) z / r`, `B = damping_rate G`, and
+    the exact curvature force of G. Smooth at the goal, where G is isotropic.
+
+    Certified. For a metric stretched along a field of its own, G times a gradient is no gradient. Here both point along
+    z: it is an eigenvector of G, so the force is `-gain (1 + isotropy) w(r) tanh(sharpness r) z / r`, a function of r
+    along z, which has the potential `gain (1 + isotropy) integral of w tanh(sharpness r) dr`.
+
+    **Arguments**: `goal` [m], units of x; `weight_near`, `weight_far`, the metric along z at the goal and away from it;
+    `width`, `stretch_width`, over which weight and stretch change, units of x; `floor`, the share of the near values
+    that remains far away, which bounds the stretch to about `1 / floor`; `isotropy`, added to it; `sharpness`,
+    1/units of x; `gain`, units of x per second squared; `damping_rate`, 1/s.
+    **Raises** `ConfigurationError` for a width, sharpness or floor that is not positive, or another negative parameter.
+
+    RMPflow (Cheng et al. 2018), appendix on experiments, attractor; here with Gaussian bumps and the damping
+    `damping_rate G`.
+    """
+
+    goal: jax.Array
+    weight_near: jax.Array | float = 10.0
+    weight_far: jax.Array | float = 1.0
+    width: jax.Array | float = 1.0
+    stretch_width: jax.Array | float = 1.0
+    floor: jax.Array | float = 0.0075
+    isotropy: jax.Array | float = 0.0
+    sharpness: jax.Array | float = 1.0
+    gain: jax.Array | float = 1.0
+    damping_rate: jax.Array | float = 2.0
+    name: str = static(default="stretched_attractor")
+
+    def __post_init__(self):
+        require(
+            self,
+            positive=("width", "stretch_width", "floor", "sharpness"),
+            non_negative=("weight_near", "weight_far", "isotropy", "gain", "damping_rate"),
+        )
+
+    def metric(self, x, xd):
+        z = x - jnp.asarray(self.goal, x.dtype)
+        square = z @ z
+        width, near, far = self._weights(x.dtype)
+        # (1 - a) / r^2 = (1 - floor) (1 - exp(-v)) / (2 s^2 v) at v = r^2 / (2 s^2), finite at the goal.
+        v = square / (2 * self.stretch_width**2)
+        along = (1 - self.floor) * _decay_ratio(v) / (2 * self.stretch_width**2)
+        a = (1 - self.floor) * jnp.exp(-v) + self.floor
+        shape = along * jnp.outer(z, z) + (a + self.isotropy) * jnp.eye(x.shape[0], dtype=x.dtype)
+        return (gaussian_weight(square, width, near, far) * shape).astype(x.dtype)
+
+    def potential(self, x):
+        z = x - jnp.asarray(self.goal, x.dtype)
+        width, near, far = self._weights(x.dtype)
+        well = gaussian_well(z @ z, width, jnp.asarray(self.sharpness, x.dtype), near, far)
+        return (self.gain * (1 + self.isotropy) * well).astype(x.dtype)
+
+    def damping(self, x, xd):
+        return (self.damping_rate * self.metric(x, xd)).astype(x.dtype)
+
+    def _weights(self, dtype):
+        """Width, value at the goal and value far away of w, as a Gaussian of the distance."""
+        far = self.weight_far + (self.weight_near - self.weight_far) * self.floor
+        return tuple(jnp.asarray(value, dtype) for value in (self.width, self.weight_near, far))
+
+
+def _decay_ratio(v):
+    """`(1 - exp(-v)) / v` for v >= 0, with derivatives that exist at v = 0."""
+    # Near v = 0 the derivatives of the quotient are differences of large numbers: a series.
+    small = v < 0.03
+    u, far = jnp.where(small, v, 0.0), jnp.where(small, 1.0, v)
+    near = jnp.zeros_like(v)
+    for k in range(9, 0, -1):
+        near = 1 - u / (k + 1) * near
+    return jnp.where(small, near, -jnp.expm1(-far) / far)

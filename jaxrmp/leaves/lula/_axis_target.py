@@ -1,0 +1,58 @@
+"""The turn of a frame's axis towards a direction."""
+
+import jax
+import jax.numpy as jnp
+
+from ..._forms import NaturalForm
+from ..._pytree import pytree, static
+from ..._tree import Leaf
+from .._parameters import require
+from ._position_target import proximity_boost
+
+
+@pytree
+class AxisTarget(Leaf):
+    """Turns a unit vector of a frame to `target`; three of them, on three axes, hold an orientation.
+
+    `a = k_p (n_0 - n) - k_d nd`, `M = [beta b + 1 - beta] mu I`. With a `position_target` x_0,
+    `beta = exp(-r^2 / (2 s_b^2))` of the frame's distance r to it, so that orientation counts most at the end; without
+    one `M = mu I`.
+
+    Its space is the unit vector n [3], or with a `position_target` the six numbers (n, x), x the frame's position,
+    on which it does not act.
+
+    **Arguments**: `target` n_0 [3], a unit vector; `position_target` x_0 [3], m, or None; `accel_p_gain` k_p, 1/s^2;
+    `accel_d_gain` k_d, 1/s; `metric_scalar` mu; `proximity_metric_boost_scalar` b;
+    `proximity_metric_boost_length_scale` s_b, m.
+    **Raises** `ConfigurationError` for a negative number, or a length that is zero.
+
+    NVIDIA, Lula RMPflow, `axis_target_rmp`.
+    """
+
+    target: jax.Array
+    position_target: jax.Array | None = None
+    accel_p_gain: jax.Array | float = 210.0
+    accel_d_gain: jax.Array | float = 60.0
+    metric_scalar: jax.Array | float = 10.0
+    proximity_metric_boost_scalar: jax.Array | float = 3000.0
+    proximity_metric_boost_length_scale: jax.Array | float = 0.02
+    name: str = static(default="axis_target")
+    certified = False
+
+    def __post_init__(self):
+        require(
+            self,
+            positive=("proximity_metric_boost_length_scale",),
+            non_negative=("accel_p_gain", "accel_d_gain", "metric_scalar", "proximity_metric_boost_scalar"),
+        )
+
+    def __call__(self, x, xd):
+        a = self.accel_p_gain * (jnp.asarray(self.target, x.dtype) - x[:3]) - self.accel_d_gain * xd[:3]
+        m = jnp.full((3,), self.metric_scalar, x.dtype)
+        if self.position_target is not None:
+            offset = jnp.asarray(self.position_target, x.dtype) - x[3:]
+            m *= proximity_boost(
+                offset @ offset, self.proximity_metric_boost_scalar, self.proximity_metric_boost_length_scale
+            )
+            a, m = jnp.pad(a, (0, 3)), jnp.pad(m, (0, 3))
+        return NaturalForm((m * a).astype(x.dtype), jnp.diag(m).astype(x.dtype))

@@ -1,0 +1,43 @@
+"""The pull of all joints towards a posture."""
+
+import jax
+import jax.numpy as jnp
+
+from ..._pytree import pytree, static
+from ..._tree import Leaf
+from .._parameters import require
+from ._elementwise import elementwise, length
+
+
+@pytree
+class CSpaceTarget(Leaf):
+    """Pulls the joints towards `target`, with a pull that grows no more beyond a distance.
+
+    `a = k_p rob(q_0 - q) - k_d qd`, `M = mu I`, with `rob(p) = p` for `|p| < theta`, else `theta p / |p|`.
+
+    **Arguments**: `target` q_0 [n], rad or m; `metric_scalar` mu; `position_gain` k_p, 1/s^2; `damping_gain` k_d, 1/s;
+    `robust_position_term_thresh` theta, units of q.
+    **Raises** `ConfigurationError` for a negative number.
+
+    NVIDIA, Lula RMPflow, `cspace_target_rmp`; its `inertia` is a leaf of its own, `Inertia`.
+    """
+
+    target: jax.Array
+    metric_scalar: jax.Array | float = 50.0
+    position_gain: jax.Array | float = 100.0
+    damping_gain: jax.Array | float = 50.0
+    robust_position_term_thresh: jax.Array | float = 0.5
+    name: str = static(default="cspace_target")
+    certified = False
+
+    def __post_init__(self):
+        require(
+            self,
+            positive=("robust_position_term_thresh",),
+            non_negative=("metric_scalar", "position_gain", "damping_gain"),
+        )
+
+    def __call__(self, x, xd):
+        offset = jnp.asarray(self.target, x.dtype) - x
+        offset = offset / jnp.maximum(1.0, length(offset) / self.robust_position_term_thresh)
+        return elementwise(self.position_gain * offset - self.damping_gain * xd, self.metric_scalar, x)

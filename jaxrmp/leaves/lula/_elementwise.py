@@ -1,0 +1,27 @@
+"""Natural forms of policies that treat every coordinate alike, and lengths with a slope at zero."""
+
+import jax
+import jax.numpy as jnp
+
+from ..._forms import NaturalForm
+
+
+def elementwise(a: jax.Array, m: jax.Array, x: jax.Array) -> NaturalForm:
+    """The form of one scalar policy a coordinate: accelerations `a` and metrics `m`, both in the shape of x.
+
+    `x` is one vector [m], with metric [m, m], or K points [K, m], with K blocks.
+    """
+    m = jnp.broadcast_to(m, x.shape).astype(x.dtype)
+    return NaturalForm((m * a).astype(x.dtype), m[..., None] * jnp.eye(x.shape[-1], dtype=x.dtype))
+
+
+def length(v: jax.Array) -> jax.Array:
+    """`|v|`, with slope zero at v = 0, where that of the square root would be NaN."""
+    square = v @ v
+    at_zero = square == 0
+    return jnp.where(at_zero, 0.0, jnp.sqrt(jnp.where(at_zero, 1.0, square)))
+
+
+def closed_gate(speed: jax.Array) -> jax.Array:
+    """`1 / (1 + exp(speed))`: about 1 when approaching (speed < 0), 1/2 at rest, about 0 when leaving."""
+    return jax.nn.sigmoid(-speed)

@@ -1,0 +1,30 @@
+"""Weight without a wish."""
+
+import jax
+import jax.numpy as jnp
+
+from ..._pytree import pytree, static
+from ..._tree import Leaf
+from .._parameters import require
+from ._elementwise import elementwise
+
+
+@pytree
+class Inertia(Leaf):
+    """Resists every acceleration alike: `a = 0`, `M = m I`.
+
+    **Arguments**: `inertia` m.
+    **Raises** `ConfigurationError` for a negative number.
+
+    NVIDIA, Lula RMPflow: `inertia` of `cspace_target_rmp` (on q) and of `damping_rmp` (on the target frame).
+    """
+
+    inertia: jax.Array | float = 1.0
+    name: str = static(default="inertia")
+    certified = False
+
+    def __post_init__(self):
+        require(self, non_negative=("inertia",))
+
+    def __call__(self, x, xd):
+        return elementwise(jnp.zeros_like(x), self.inertia, x)

@@ -1,0 +1,44 @@
+"""The brake on joints that come near their highest speed."""
+
+import jax
+import jax.numpy as jnp
+
+from ..._pytree import pytree, static
+from ..._tree import Leaf
+from .._parameters import require
+from ._elementwise import elementwise
+
+_POLE = 1e-3  # of 1 - s^2 / v_r^2: how near the metric goes to its pole
+
+
+@pytree
+class JointVelocityCap(Leaf):
+    """Brakes every joint whose speed comes near `max_velocity`, with a metric that grows without bound towards it.
+
+    Per joint, with `s = |qd| - (v_max - v_r)`: `a = -k_d sign(qd) s`, `m = 0` for s < 0, else `mu / (1 - s^2 / v_r^2)`.
+    At the pole s = v_r and beyond it the metric stays at 1,000 mu.
+
+    **Arguments**: `max_velocity` v_max, rad/s or m/s, a number or [n]; `velocity_damping_region` v_r, the same;
+    `damping_gain` k_d, 1/s; `metric_weight` mu.
+    **Raises** `ConfigurationError` for a negative number, or a region that is zero.
+
+    NVIDIA, Lula RMPflow, `joint_velocity_cap_rmp`.
+    """
+
+    max_velocity: jax.Array | float = 1.7
+    velocity_damping_region: jax.Array | float = 0.35
+    damping_gain: jax.Array | float = 10.0
+    metric_weight: jax.Array | float = 2000.0
+    name: str = static(default="joint_velocity_cap")
+    certified = False
+
+    def __post_init__(self):
+        require(
+            self, positive=("velocity_damping_region",), non_negative=("max_velocity", "damping_gain", "metric_weight")
+        )
+
+    def __call__(self, x, xd):
+        s = jnp.abs(xd) - (self.max_velocity - self.velocity_damping_region)
+        below_pole = jnp.maximum(1 - (s / self.velocity_damping_region) ** 2, _POLE)
+        m = jnp.where(s < 0, 0, self.metric_weight / below_pole)
+        return elementwise(-self.damping_gain * jnp.sign(xd) * s, m, x)

@@ -1,0 +1,33 @@
+"""The brake on a frame that grows with its speed."""
+
+import jax
+
+from ..._pytree import pytree, static
+from ..._tree import Leaf
+from .._parameters import require
+from ._elementwise import elementwise, length
+
+
+@pytree
+class SpeedDamping(Leaf):
+    """Brakes a point in space the harder, and the more importantly, the faster it moves.
+
+    `a = -k_d |xd| xd`, `M = mu |xd| I`: nothing at rest.
+
+    **Arguments**: `accel_d_gain` k_d, 1/m; `metric_scalar` mu, s/m.
+    **Raises** `ConfigurationError` for a negative number.
+
+    NVIDIA, Lula RMPflow, `damping_rmp`; its `inertia` is a leaf of its own, `Inertia`.
+    """
+
+    accel_d_gain: jax.Array | float = 30.0
+    metric_scalar: jax.Array | float = 50.0
+    name: str = static(default="damping")
+    certified = False
+
+    def __post_init__(self):
+        require(self, non_negative=("accel_d_gain", "metric_scalar"))
+
+    def __call__(self, x, xd):
+        speed = length(xd)
+        return elementwise(-self.accel_d_gain * speed * xd, self.metric_scalar * speed, x)

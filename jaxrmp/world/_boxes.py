@@ -1,0 +1,47 @@
+"""Boxes."""
+
+from collections.abc import Iterable
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+
+from .._pytree import pytree
+from .._task_map import check_rigid
+from ._components import components, magnitude, outside_corner, to_local
+from ._obstacles import PaddedObstacles, padded, refuse_negative, set_fields
+
+
+@pytree
+class Boxes(PaddedObstacles):
+    """Boxes in any pose. Outside, the distance to the nearest point; inside, minus the distance to the nearest face.
+
+    The gradient has length 1 everywhere; where two faces are equally near it is the normal of one of them.
+
+    **Arguments**: `T_world_box` [n, 4, 4], poses of the middles; `half_extents` [n, 3], half the sides, m; `active`
+    [n], bool, by default all.
+    **Raises** `RigidTransformError` for a pose that is not rigid, `ConfigurationError` for extents that are negative,
+    `ShapeError` for wrong shapes.
+    """
+
+    T_world_box: Any
+    half_extents: Any
+    active: Any = None
+
+    def __post_init__(self):
+        set_fields(self, T_world_box=(4, 4), half_extents=(3,))
+        if self.size and not isinstance(self.T_world_box, Tracer):
+            check_rigid(self.T_world_box, "T_world_box")
+        refuse_negative("Boxes", half_extents=self.half_extents)
+
+    @classmethod
+    def of(cls, boxes: Iterable = (), capacity: int | None = None) -> "Boxes":
+        """Boxes from pairs (T_world_box, half_extents), padded to `capacity` slots."""
+        (T, half_extents), active = padded("Boxes", boxes, capacity, (np.eye(4), (0.0, 0.0, 0.0)))
+        return cls(T, half_extents, active)
+
+    def distance(self, p):
+        local = to_local(self.T_world_box, p)
+        half = components(jnp.asarray(self.half_extents, p[0].dtype))
+        return outside_corner(*(magnitude(x) - h for x, h in zip(local, half, strict=True)))

@@ -1,0 +1,105 @@
+"""The task map from joint positions to the distances between capsules along the robot's links and the obstacles."""
+
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from .._errors import ShapeError
+from .._pytree import pytree, set_field
+from .._task_map import Pushforward, TaskMap, pushforward
+from ._components import along, columns, curvature, difference, dot, gradient, slope
+from ._obstacle_distances import checked_radii, radii_of_points
+from ._obstacles import FAR, Obstacles, curved_from
+from ._world import World
+
+
+@pytree
+class CapsuleDistances(TaskMap):
+    """Distances of K capsules on the robot to O obstacles: `d = min_t sdf(a + t (b - a)) - r`, t in [0, 1], [K O].
+
+    The nearest t has a closed form for spheres, capsules and half-spaces; for boxes and cylinders, whose signed
+    distance is convex, it comes from 24 bisections and a Newton step, for grids from samples and golden section.
+    Derivatives go through it: with `u = b - a`, `p = a + t u` and pd at fixed t, `J = g^T J_p` (envelope theorem) and
+    `c = pd^T H pd + g . c_p - (u^T H pd + g . ud)^2 / u^T H u`, the last where t is inside and the obstacle is curved
+    along u. While the axis itself is inside, d is minus the depth of its deepest point, and where the two sides of an
+    obstacle are equally near, the normal is that of one of them.
+
+    **Arguments**: `points_a`, `points_b`, maps x [n] -> [K, 3] to the ends of the axes, m; `world`; `radii` [K] or a
+    number, m.
+    **Raises** `ConfigurationError` for a negative radius, `ShapeError` when called if shapes do not fit.
+    """
+
+    points_a: Callable[[jax.Array], jax.Array]
+    points_b: Callable[[jax.Array], jax.Array]
+    world: World
+    radii: Any = 0.0
+
+    def __post_init__(self):
+        set_field(self, "radii", checked_radii("CapsuleDistances", self.radii))
+
+    def __call__(self, x):
+        a, b = self.points_a(x), self.points_b(x)
+        radii = self._radii(a, b)
+        d = self.world.of_each(a, lambda kind: _least_distance(kind, columns(a), columns(b))) - radii[:, None]
+        return self.world.only_active(d, FAR).reshape(-1)
+
+    def pushforward(self, x, xd):
+        at_a, at_b = pushforward(self.points_a, x, xd), pushforward(self.points_b, x, xd)
+        radii = self._radii(at_a.y, at_b.y)
+        parts = [_carried(kind, at_a, at_b) for kind in self.world.kinds]
+        n, K = at_a.J.shape[-1], at_a.y.shape[0]
+        empty = Pushforward(*(jnp.zeros((K, 0, *tail), at_a.y.dtype) for tail in ((), (), (n,), ())))
+        d, dd, J, c = (jnp.concatenate(column, axis=1) for column in zip(empty, *parts, strict=True))
+        active = self.world.active
+        d, dd, c = jnp.where(active, d - radii[:, None], FAR), jnp.where(active, dd, 0), jnp.where(active, c, 0)
+        J = jnp.where(active[:, None], J, 0)
+        return Pushforward(d.reshape(-1), dd.reshape(-1), J.reshape(-1, n), c.reshape(-1))
+
+    def _radii(self, a, b):
+        if a.shape != b.shape:
+            raise ShapeError(f"points_a and points_b give shapes {a.shape} and {b.shape}, expected the same [K, 3].")
+        return radii_of_points(self.radii, a)
+
+
+def _least_distance(kind: Obstacles, a, b):
+    """`min_t sdf(a + t (b - a))`, with first and second derivatives.
+
+    One Newton step from the nearest t, held fixed, leaves t where it is and gives it its derivative.
+    """
+    t = jax.lax.stop_gradient(kind.nearest_on_segment(a, b))
+    step = difference(b, a)
+    bent, bend = _bend_along(kind, a, t, step)
+    bend = jax.lax.stop_gradient(bend)
+    pull = slope(kind.distance, along(a, t, step), step)
+    t = t - jnp.where(bent, (pull - jax.lax.stop_gradient(pull)) / bend, 0)
+    return kind.distance(along(a, t, step))
+
+
+def _bend_along(kind: Obstacles, a, t, step):
+    """Where t slides as the segment moves, and there the distance's second derivative along it (elsewhere 1)."""
+    bend = curvature(kind.distance, along(a, t, step), step, step)
+    bent = (t > 0) & (t < 1) & (bend > curved_from(step))
+    return bent, jnp.where(bent, bend, 1)
+
+
+def _carried(kind: Obstacles, at_a: Pushforward, at_b: Pushforward) -> Pushforward:
+    a, b = columns(at_a.y), columns(at_b.y)
+    t = kind.nearest_on_segment(a, b)
+    step, step_rate = difference(b, a), difference(columns(at_b.yd), columns(at_a.yd))
+    p = along(a, t, step)
+    v = along(columns(at_a.yd), t, step_rate)
+    g = gradient(kind.distance, p)
+    bent, bend = _bend_along(kind, a, t, step)
+    slide = curvature(kind.distance, p, step, v) + dot(g, step_rate)
+    gc = dot(g, along(columns(at_a.c), t, difference(columns(at_b.c), columns(at_a.c))))
+    c = curvature(kind.distance, p, v, v) + gc - jnp.where(bent, slide * slide / bend, 0)
+    of_a, of_b = _rows(at_a.J), _rows(at_b.J)
+    J = dot(tuple(x[..., None] for x in g), along(of_a, t[..., None], difference(of_b, of_a)))
+    return Pushforward(kind.distance(p), dot(g, v), J, c)
+
+
+def _rows(J: jax.Array):
+    """The three rows of Jacobians [K, 3, n], each [K, 1, n]."""
+    return J[:, 0, None], J[:, 1, None], J[:, 2, None]

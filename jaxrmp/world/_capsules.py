@@ -1,0 +1,54 @@
+"""Capsules."""
+
+from collections.abc import Iterable
+from typing import Any
+
+import jax.numpy as jnp
+
+from .._pytree import pytree
+from ._components import components, difference, dot, fraction, length
+from ._obstacles import PaddedObstacles, padded, refuse_infinite, refuse_negative, set_fields
+
+
+@pytree
+class Capsules(PaddedObstacles):
+    """Balls swept along segments: `d = min_t |p - start - t (end - start)| - radius`. On the axis the gradient is zero.
+
+    **Arguments**: `start`, `end` [n, 3], the ends of the axes, m; `radius` [n], m; `active` [n], bool, by default all.
+    **Raises** `ConfigurationError` for a radius that is negative, `ShapeError` for wrong shapes.
+    """
+
+    start: Any
+    end: Any
+    radius: Any
+    active: Any = None
+
+    def __post_init__(self):
+        set_fields(self, start=(3,), end=(3,), radius=())
+        refuse_infinite("Capsules", start=self.start, end=self.end)
+        refuse_negative("Capsules", radius=self.radius)
+
+    @classmethod
+    def of(cls, capsules: Iterable = (), capacity: int | None = None) -> "Capsules":
+        """Capsules from triples (start, end, radius), padded to `capacity` slots."""
+        (start, end, radius), active = padded("Capsules", capsules, capacity, ((0.0,) * 3, (0.0,) * 3, 0.0))
+        return cls(start, end, radius, active)
+
+    def distance(self, p):
+        dtype = p[0].dtype
+        start = components(self.start, dtype)
+        axis, offset = difference(components(self.end, dtype), start), difference(p, start)
+        t = fraction(dot(offset, axis), dot(axis, axis))
+        return length(*difference(offset, (t * axis[0], t * axis[1], t * axis[2]))) - jnp.asarray(self.radius, dtype)
+
+    def nearest_on_segment(self, a, b):
+        """Ericson, Real-Time Collision Detection, section 5.1.9. Of parallel segments, the first nearest point."""
+        dtype = a[0].dtype
+        start = components(self.start, dtype)
+        step, axis, between = difference(b, a), difference(components(self.end, dtype), start), difference(a, start)
+        ss, aa, sa = dot(step, step), dot(axis, axis), dot(step, axis)
+        sb, ab = dot(step, between), dot(axis, between)
+        sine = ss * aa - sa * sa
+        t = fraction(sa * ab - sb * aa, jnp.where(sine > jnp.finfo(dtype).eps * ss * aa, sine, 0))
+        on_axis = jnp.where(aa > 0, (sa * t + ab) / jnp.where(aa > 0, aa, 1), 0)
+        return fraction(sa * jnp.clip(on_axis, 0, 1) - sb, ss)

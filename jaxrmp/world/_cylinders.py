@@ -1,0 +1,50 @@
+"""Cylinders."""
+
+from collections.abc import Iterable
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+
+from .._pytree import pytree
+from .._task_map import check_rigid
+from ._components import length, magnitude, outside_corner, to_local
+from ._obstacles import PaddedObstacles, padded, refuse_negative, set_fields
+
+
+@pytree
+class Cylinders(PaddedObstacles):
+    """Solid cylinders about the z axis of their frames, with flat ends.
+
+    Outside, the distance to the nearest point; inside, minus the distance to the nearest of side and ends. On the
+    axis, where the side is nearest, the gradient is zero.
+
+    **Arguments**: `T_world_cylinder` [n, 4, 4], poses of the middles; `radius` [n], m; `half_length` [n], m; `active`
+    [n], bool, by default all.
+    **Raises** `RigidTransformError` for a pose that is not rigid, `ConfigurationError` for sizes that are negative,
+    `ShapeError` for wrong shapes.
+    """
+
+    T_world_cylinder: Any
+    radius: Any
+    half_length: Any
+    active: Any = None
+
+    def __post_init__(self):
+        set_fields(self, T_world_cylinder=(4, 4), radius=(), half_length=())
+        if self.size and not isinstance(self.T_world_cylinder, Tracer):
+            check_rigid(self.T_world_cylinder, "T_world_cylinder")
+        refuse_negative("Cylinders", radius=self.radius, half_length=self.half_length)
+
+    @classmethod
+    def of(cls, cylinders: Iterable = (), capacity: int | None = None) -> "Cylinders":
+        """Cylinders from triples (T_world_cylinder, radius, half_length), padded to `capacity` slots."""
+        (T, radius, half_length), active = padded("Cylinders", cylinders, capacity, (np.eye(4), 0.0, 0.0))
+        return cls(T, radius, half_length, active)
+
+    def distance(self, p):
+        dtype = p[0].dtype
+        x, y, z = to_local(self.T_world_cylinder, p)
+        side = length(x, y) - jnp.asarray(self.radius, dtype)
+        return outside_corner(side, magnitude(z) - jnp.asarray(self.half_length, dtype))

@@ -1,0 +1,53 @@
+"""Half-spaces: floors, walls, virtual fences."""
+
+from collections.abc import Iterable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+
+from .._errors import ConfigurationError
+from .._pytree import pytree, set_field
+from ._components import components, dot
+from ._obstacles import PaddedObstacles, padded, refuse_infinite, set_fields
+
+
+@pytree
+class HalfSpaces(PaddedObstacles):
+    """All that lies behind planes: `d = normal . p - offset`; points with `normal . p >= offset` are free.
+
+    **Arguments**: `normal` [n, 3], towards the free side, of any length but zero; `offset` [n], in units of
+    `normal . p`; both are scaled to unit normals. `active` [n], bool, by default all.
+    **Raises** `ConfigurationError` for a normal of length zero, `ShapeError` for wrong shapes.
+    """
+
+    normal: Any
+    offset: Any
+    active: Any = None
+
+    def __post_init__(self):
+        set_fields(self, normal=(3,), offset=())
+        refuse_infinite("HalfSpaces", normal=self.normal, offset=self.offset)
+        numerics: Any = jnp if isinstance(self.normal, jax.Array) else np
+        size = numerics.sqrt((self.normal * self.normal).sum(-1))
+        if not isinstance(size, Tracer) and (np.asarray(size) == 0).any():
+            raise ConfigurationError(
+                f"normal of HalfSpaces is zero for obstacle {int(np.argmin(size))}: give the free side's direction."
+            )
+        set_field(self, "normal", self.normal / size[:, None])
+        set_field(self, "offset", self.offset / size)
+
+    @classmethod
+    def of(cls, half_spaces: Iterable = (), capacity: int | None = None) -> "HalfSpaces":
+        """Half-spaces from pairs (normal, offset), padded to `capacity` slots."""
+        (normal, offset), active = padded("HalfSpaces", half_spaces, capacity, ((0.0, 0.0, 1.0), 0.0))
+        return cls(normal, offset, active)
+
+    def distance(self, p):
+        dtype = p[0].dtype
+        return dot(components(self.normal, dtype), p) - jnp.asarray(self.offset, dtype)
+
+    def nearest_on_segment(self, a, b):
+        return (self.distance(b) < self.distance(a)).astype(a[0].dtype)

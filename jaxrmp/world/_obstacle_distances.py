@@ -1,0 +1,78 @@
+"""The task map from joint positions to the distances between the robot's spheres and the obstacles."""
+
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from .._errors import ShapeError
+from .._pytree import pytree, set_field
+from .._task_map import Pushforward, TaskMap, pushforward
+from ._components import Point, columns, curvature, dot, gradient
+from ._obstacles import FAR, refuse_negative
+from ._world import World
+
+
+@pytree
+class ObstacleDistances(TaskMap):
+    """Distances of K spheres on the robot to O obstacles: `d_ko = sdf_o(p_k(x)) - r_k`, [K O], k first.
+
+    With the normal `g = grad sdf_o`: `dd = g . pd`, `J = g^T J_p`, `c = pd^T H pd + g . c_p`. Positive outside, zero
+    at contact, negative inside. An inactive slot gives d = 1e3 with J = c = 0.
+
+    **Arguments**: `points`, a map x [n] -> [K, 3], such as `ControlPoints`, m; `world`; `radii` [K] or a number, m.
+    **Raises** `ConfigurationError` for a negative radius, `ShapeError` when called if shapes do not fit.
+    """
+
+    points: Callable[[jax.Array], jax.Array]
+    world: World
+    radii: Any = 0.0
+
+    def __post_init__(self):
+        set_field(self, "radii", checked_radii("ObstacleDistances", self.radii))
+
+    def __call__(self, x):
+        p = self.points(x)
+        radii = radii_of_points(self.radii, p)
+        distance = self.world.of_each(p, lambda kind: kind.distance(columns(p))) - radii[:, None]
+        return self.world.only_active(distance, FAR).reshape(-1)
+
+    def pushforward(self, x, xd):
+        at = pushforward(self.points, x, xd)
+        radii = radii_of_points(self.radii, at.y)
+        p, v = columns(at.y), columns(at.yd)
+        world = self.world
+        distance = world.of_each(at.y, lambda kind: kind.distance(p)) - radii[:, None]
+        normals = [gradient(kind.distance, p) for kind in world.kinds]
+        none = jnp.zeros((*at.y.shape[:-1], 0), at.y.dtype)
+        columns_of_g = (jnp.concatenate([none, *(n[i] for n in normals)], axis=-1) for i in range(3))
+        x, y, z = (world.only_active(g, 0.0) for g in columns_of_g)
+        g = (x, y, z)
+        bend = world.only_active(world.of_each(at.y, lambda kind: curvature(kind.distance, p, v, v)), 0.0)
+        return carried(world.only_active(distance, FAR), g, bend, at)
+
+
+def carried(d: jax.Array, g: Point, bend: jax.Array, at: Pushforward) -> Pushforward:
+    """The pushforward of distances [K, O] whose normals are `g` and whose second derivatives along pd are `bend`."""
+    v, c = columns(at.yd), columns(at.c)
+    rows = (at.J[:, 0, None, :], at.J[:, 1, None, :], at.J[:, 2, None, :])
+    J = dot((g[0][..., None], g[1][..., None], g[2][..., None]), rows)
+    return Pushforward(d.reshape(-1), dot(g, v).reshape(-1), J.reshape(-1, J.shape[-1]), (bend + dot(g, c)).reshape(-1))
+
+
+def checked_radii(owner: str, radii: Any) -> Any:
+    """`radii` as an array. **Raises** `ConfigurationError` if one is negative."""
+    radii = radii if isinstance(radii, jax.Array) else np.asarray(radii, dtype=float)
+    refuse_negative(owner, radii=radii)
+    return radii
+
+
+def radii_of_points(radii: Any, p: jax.Array) -> jax.Array:
+    """`radii`, one or K, as [K] for points [K, 3]. **Raises** `ShapeError`."""
+    if p.ndim != 2 or p.shape[1] != 3:
+        raise ShapeError(f"points have shape {p.shape}, expected [K, 3].")
+    if jnp.shape(radii) not in ((), p.shape[:1]):
+        raise ShapeError(f"radii has shape {jnp.shape(radii)}, expected () or ({p.shape[0]},): one per point.")
+    return jnp.broadcast_to(jnp.asarray(radii, p.dtype), p.shape[:1])

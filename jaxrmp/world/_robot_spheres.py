@@ -1,0 +1,136 @@
+"""Spheres that cover a robot, made from the geometry of its own model."""
+
+import functools
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+
+from .._errors import ConfigurationError, RobotError
+from .._pytree import pytree, set_field, static
+from ..kinematics import PANDA_MODEL, ControlPoints, Robot
+from ..kinematics._load import _import_mujoco, _rotation
+from ._cover import cover_box, cover_capsule, cover_convex_hull, cover_cylinder, cover_ellipsoid
+from ._obstacles import refuse_negative
+
+
+@pytree
+class RobotSpheres:
+    """K spheres fixed to a robot's frames, as `ControlPoints` and the distances take them.
+
+    `frames`, the K frames; `offsets` [K, 3], the centres in them, m; `radii` [K], m; `coverage_error`, how far the
+    spheres stick out of the geometry that they cover at most, m (NaN where that is not known). Every point of the
+    geometry lies in a sphere.
+
+    **Raises** `ConfigurationError` for a negative radius or unequal numbers.
+    """
+
+    frames: tuple[str, ...] = static()
+    offsets: jax.Array | np.ndarray
+    radii: jax.Array | np.ndarray
+    coverage_error: float = static(default=float("nan"))
+
+    def __post_init__(self):
+        set_field(self, "frames", tuple(self.frames))
+        offsets, radii = np.shape(self.offsets), np.shape(self.radii)
+        if offsets != (len(self.frames), 3) or radii != (len(self.frames),):
+            raise ConfigurationError(
+                f"{len(self.frames)} frames with offsets of shape {offsets} and radii of shape {radii}: expected one "
+                "row and one radius a frame."
+            )
+        refuse_negative("RobotSpheres", radii=self.radii)
+
+    @property
+    def size(self) -> int:
+        """Number K of spheres."""
+        return len(self.frames)
+
+    def points(self, robot: Robot) -> ControlPoints:
+        """The task map from joint positions to the centres [K, 3]. **Raises** `UnknownNameError` for a frame."""
+        return ControlPoints(robot, self.frames, self.offsets)
+
+
+def spheres_from_model(
+    source: str | os.PathLike, max_error: float = 0.01, *, frames: Sequence[str] | None = None
+) -> RobotSpheres:
+    """Cover the geometry of an MJCF or URDF file with spheres.
+
+    Every geometry that can collide is covered; if there is none, every geometry. Spheres, capsules, boxes,
+    cylinders and ellipsoids are covered as they are, meshes as their convex hulls, which is how MuJoCo collides them.
+    Geometry fixed to the world, and planes and height fields, are scenery and left out.
+
+    **Arguments**: `source`, the file (its meshes must be there); `max_error`, how far spheres may stick out of the
+    geometry, m: the smaller, the more spheres (a solid other than a capsule or a
+    sphere needs about its volume over the cube of this); `frames`, the bodies to cover, by default all.
+    **Returns** `RobotSpheres` whose frames are bodies; its `coverage_error` is the largest protrusion there is.
+    **Raises** `RobotError` if the file cannot be read, `ConfigurationError` if `max_error` is not positive, asks for
+    too many spheres, or `frames` names a body without geometry.
+    """
+    if not max_error > 0:
+        raise ConfigurationError(f"max_error is {max_error}: it must be positive.")
+    return _cover_model(geometry_of_model(source), max_error, frames, str(source))
+
+
+def geometry_of_model(source: str | os.PathLike) -> Any:
+    """The compiled MuJoCo model of a file, with all its bodies and geometry. **Raises** `RobotError`."""
+    mujoco = _import_mujoco()
+    if not Path(source).is_file():
+        raise RobotError(f"{source}: there is no such file. Give the path of an MJCF or URDF file.")
+    try:
+        spec = mujoco.MjSpec.from_file(str(source))
+        spec.compiler.fusestatic = False
+        spec.compiler.discardvisual = False
+        return spec.compile()
+    except (OSError, ValueError) as error:
+        raise RobotError(f"{source} cannot be read with its geometry: {error}") from error
+
+
+@functools.cache
+def panda_spheres(max_error: float = 0.015) -> RobotSpheres:
+    """Spheres for the built-in Panda, from its own geometry: by default 37 spheres that stick out 1.4 cm."""
+    return spheres_from_model(PANDA_MODEL, max_error)
+
+
+def _cover_model(m, max_error, only, source) -> RobotSpheres:
+    geoms = [g for g in range(m.ngeom) if m.geom_bodyid[g] > 0]
+    colliding = [g for g in geoms if m.geom_contype[g] or m.geom_conaffinity[g]]
+    names, offsets, radii, error = [], [], [], 0.0
+    for g in colliding or geoms:
+        body = int(m.geom_bodyid[g])
+        name = m.body(body).name or f"body_{body}"
+        found = _cover_geometry(m, g, max_error) if only is None or name in only else None
+        if found is None:
+            continue
+        centers, sizes, stick_out = found
+        offsets.append(m.geom_pos[g] + centers @ _rotation(m.geom_quat[g]).T)
+        radii.append(sizes)
+        names += [name] * len(sizes)
+        error = max(error, stick_out)
+    if missing := set(only or ()) - set(names):
+        raise ConfigurationError(f"{source} has no geometry for {sorted(missing)}. Bodies with: {sorted(set(names))}.")
+    if not names:
+        raise ConfigurationError(f"{source} has no geometry to cover with spheres.")
+    return RobotSpheres(tuple(names), np.concatenate(offsets), np.concatenate(radii), error)
+
+
+def _cover_geometry(m, g: int, max_error: float) -> Any:
+    mujoco = _import_mujoco()
+    kind, size = mujoco.mjtGeom(m.geom_type[g]), m.geom_size[g]
+    if kind == mujoco.mjtGeom.mjGEOM_SPHERE:
+        return cover_capsule(size[0], 0.0, max_error)
+    if kind == mujoco.mjtGeom.mjGEOM_CAPSULE:
+        return cover_capsule(size[0], size[1], max_error)
+    if kind == mujoco.mjtGeom.mjGEOM_BOX:
+        return cover_box(size, max_error)
+    if kind == mujoco.mjtGeom.mjGEOM_CYLINDER:
+        return cover_cylinder(size[0], size[1], max_error)
+    if kind == mujoco.mjtGeom.mjGEOM_ELLIPSOID:
+        return cover_ellipsoid(size, max_error)
+    if kind == mujoco.mjtGeom.mjGEOM_MESH:
+        mesh = m.geom_dataid[g]
+        first = m.mesh_vertadr[mesh]
+        return cover_convex_hull(m.mesh_vert[first : first + m.mesh_vertnum[mesh]].astype(float), max_error)
+    return None

@@ -1,0 +1,91 @@
+"""Which spheres of a robot may meet which."""
+
+import functools
+import os
+from collections.abc import Iterable, Mapping, Sequence
+
+import numpy as np
+
+from .._errors import UnknownNameError
+from ..kinematics import PANDA_MODEL, Robot, panda
+from ._robot_spheres import geometry_of_model, panda_spheres
+
+
+def self_pairs(
+    robot: Robot, frames: Sequence[str], ignore: Mapping[str, Iterable[str]] | None = None
+) -> tuple[tuple[int, int], ...]:
+    """The pairs of points on different links that a robot must keep apart.
+
+    All pairs but those on the same link, on links next to each other (one joint, or none, between them: links that
+    are rigidly joined count as one), and on links that `ignore` pairs.
+
+    **Arguments**: `robot`; `frames`, the frame of each point, as `RobotSpheres.frames`; `ignore`, for a frame the
+    frames that it may touch, as in an XRDF's `self_collision`; each holds both ways.
+    **Returns** pairs (i, j), i < j, for `SelfDistances`. **Raises** `UnknownNameError` for a frame that is not there.
+    """
+    links = {name: _link(robot, name) for name in frames}
+    touching = {frozenset(pair) for pair in _neighbours(robot)}
+    for name, others in (ignore or {}).items():
+        touching |= {frozenset((_name_of(robot, name), _name_of(robot, other))) for other in others}
+    pairs = []
+    for j, second in enumerate(frames):
+        for i, first in enumerate(frames[:j]):
+            apart = links[first] != links[second]
+            if apart and not {frozenset((links[first], links[second])), frozenset((first, second))} & touching:
+                pairs.append((i, j))
+    return tuple(pairs)
+
+
+def ignored_by_model(source: str | os.PathLike) -> dict[str, tuple[str, ...]]:
+    """For each body of an MJCF or URDF file, the bodies it never touches in simulation, as `self_pairs` takes them.
+
+    These are the pairs that `contact/exclude` names, and those of which no two geometries have `contype` and
+    `conaffinity` that meet. Bodies without geometry that collides are left out.
+
+    **Raises** `RobotError` if the file cannot be read.
+    """
+    m = geometry_of_model(source)
+    meets = (m.geom_contype[:, None] & m.geom_conaffinity) | (m.geom_conaffinity[:, None] & m.geom_contype)
+    bodies = sorted({int(m.geom_bodyid[g]) for g in range(m.ngeom) if m.geom_contype[g] or m.geom_conaffinity[g]})
+    excluded = {(int(s) >> 16, int(s) & 0xFFFF) for s in m.exclude_signature}
+    ignored = {}
+    for first in bodies:
+        names = []
+        for second in bodies:
+            touch = meets[np.ix_(m.geom_bodyid == first, m.geom_bodyid == second)].any()
+            if first != second and (not touch or {(first, second), (second, first)} & excluded):
+                names.append(m.body(second).name)
+        if names:
+            ignored[m.body(first).name] = tuple(names)
+    return ignored
+
+
+@functools.cache
+def panda_self_pairs(max_error: float = 0.015) -> tuple[tuple[int, int], ...]:
+    """The pairs of `panda_spheres(max_error)` that can meet: wrist and hand against the base, as in its own model."""
+    return self_pairs(panda(), panda_spheres(max_error).frames, ignored_by_model(PANDA_MODEL))
+
+
+def _name_of(robot: Robot, name: str) -> str:
+    if name not in robot.frame_names:
+        raise UnknownNameError("frame in ignore", name, robot.frame_names)
+    return name
+
+
+def _link(robot: Robot, name: str) -> int:
+    """The body that carries the frame and all that is rigidly joined to it."""
+    return _rigid_root(robot, robot.model.frames[robot.frame_index(name)].body)
+
+
+def _rigid_root(robot: Robot, body: int) -> int:
+    model = robot.model
+    while body > 0 and not any(model.joints[i].coordinate >= 0 for i in model.joints_of_body[body]):
+        body = model.bodies[body].parent
+    return body
+
+
+def _neighbours(robot: Robot) -> list[tuple[int, int]]:
+    """Links with one joint between them."""
+    bodies = robot.model.bodies
+    roots = [_rigid_root(robot, b) for b in range(len(bodies))]
+    return [(root, roots[bodies[root].parent]) for root in sorted(set(roots)) if root > 0]

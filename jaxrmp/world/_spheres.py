@@ -1,0 +1,42 @@
+"""Spheres."""
+
+from collections.abc import Iterable
+from typing import Any
+
+import jax.numpy as jnp
+
+from .._pytree import pytree
+from ._components import components, difference, dot, fraction, length
+from ._obstacles import PaddedObstacles, padded, refuse_infinite, refuse_negative, set_fields
+
+
+@pytree
+class Spheres(PaddedObstacles):
+    """Balls: `d = |p - center| - radius`. At the centre the gradient is zero.
+
+    **Arguments**: `center` [n, 3], m; `radius` [n], m; `active` [n], bool, by default all.
+    **Raises** `ConfigurationError` for a radius that is negative, `ShapeError` for wrong shapes.
+    """
+
+    center: Any
+    radius: Any
+    active: Any = None
+
+    def __post_init__(self):
+        set_fields(self, center=(3,), radius=())
+        refuse_infinite("Spheres", center=self.center)
+        refuse_negative("Spheres", radius=self.radius)
+
+    @classmethod
+    def of(cls, spheres: Iterable = (), capacity: int | None = None) -> "Spheres":
+        """Spheres from pairs (center, radius), padded to `capacity` slots."""
+        (center, radius), active = padded("Spheres", spheres, capacity, ((0.0, 0.0, 0.0), 0.0))
+        return cls(center, radius, active)
+
+    def distance(self, p):
+        dtype = p[0].dtype
+        return length(*difference(p, components(self.center, dtype))) - jnp.asarray(self.radius, dtype)
+
+    def nearest_on_segment(self, a, b):
+        step = difference(b, a)
+        return fraction(dot(difference(components(self.center, a[0].dtype), a), step), dot(step, step))

@@ -1,0 +1,93 @@
+"""The world around the robot: obstacles of all kinds."""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from .._errors import ConfigurationError, ShapeError
+from .._pytree import pytree, set_field
+from ._boxes import Boxes
+from ._capsules import Capsules
+from ._components import columns
+from ._cylinders import Cylinders
+from ._grid import SignedDistanceGrid
+from ._half_spaces import HalfSpaces
+from ._obstacles import FAR, Obstacles
+from ._spheres import Spheres
+
+
+@pytree
+class World:
+    """Obstacles of all kinds, in this order: spheres, capsules, boxes, cylinders, half-spaces, grids.
+
+    A world is a parameter: moving, changing, activating and disabling obstacles recompiles nothing as long as each
+    kind keeps its number of slots.
+
+    **Arguments**: `spheres`, `capsules`, `boxes`, `cylinders`, `half_spaces`, each none by default; `grids`, a tuple
+    of `SignedDistanceGrid`.
+    **Raises** `ConfigurationError` if an argument is of another kind.
+    """
+
+    spheres: Spheres | None = None
+    capsules: Capsules | None = None
+    boxes: Boxes | None = None
+    cylinders: Cylinders | None = None
+    half_spaces: HalfSpaces | None = None
+    grids: tuple[SignedDistanceGrid, ...] = ()
+
+    def __post_init__(self):
+        kinds: dict[str, Any] = {
+            "spheres": Spheres,
+            "capsules": Capsules,
+            "boxes": Boxes,
+            "cylinders": Cylinders,
+            "half_spaces": HalfSpaces,
+        }
+        for name, kind in kinds.items():
+            given = getattr(self, name)
+            if given is None:
+                set_field(self, name, kind.of())
+            elif not isinstance(given, kind):
+                raise ConfigurationError(f"{name} is a {type(given).__name__}, expected {kind.__name__}.")
+        grids: Any = (self.grids,) if isinstance(self.grids, SignedDistanceGrid) else tuple(self.grids)
+        for grid in grids:
+            if not isinstance(grid, SignedDistanceGrid):
+                raise ConfigurationError(f"grids holds a {type(grid).__name__}, expected SignedDistanceGrid.")
+        set_field(self, "grids", grids)
+
+    @property
+    def kinds(self) -> tuple[Obstacles, ...]:
+        """The kinds that have slots, in order."""
+        padded = (self.spheres, self.capsules, self.boxes, self.cylinders, self.half_spaces)
+        kinds: tuple[Any, ...] = (*padded, *self.grids)
+        return tuple(kind for kind in kinds if kind.size)
+
+    @property
+    def size(self) -> int:
+        """Number O of obstacle slots."""
+        return sum(kind.size for kind in self.kinds)
+
+    @property
+    def active(self) -> jax.Array:
+        """Which slots hold an obstacle, [O]."""
+        return jnp.concatenate([jnp.zeros(0, bool), *(jnp.reshape(kind.active, (kind.size,)) for kind in self.kinds)])
+
+    def signed_distance(self, p: jax.Array) -> jax.Array:
+        """Signed distance of a point to each obstacle: exact, negative inside; 1e3 to an inactive slot.
+
+        **Arguments**: `p` [..., 3], m. **Returns** [..., O], m. **Raises** `ShapeError`.
+        """
+        p = jnp.asarray(p)
+        if p.shape[-1:] != (3,):
+            raise ShapeError(f"p has shape {p.shape}, expected [..., 3].")
+        return self.only_active(self.of_each(p, lambda kind: kind.distance(columns(p))), FAR)
+
+    def of_each(self, like: jax.Array, evaluate: Any) -> jax.Array:
+        """`evaluate(kind)` [..., n] of every kind, side by side [..., O]; `like` [..., 3] gives shape and type."""
+        none = jnp.zeros((*like.shape[:-1], 0), like.dtype)
+        return jnp.concatenate([none, *(evaluate(kind) for kind in self.kinds)], axis=-1)
+
+    def only_active(self, values: jax.Array, otherwise: float) -> jax.Array:
+        """`values` [..., O] with those of inactive slots replaced."""
+        return jnp.where(self.active, values, otherwise)

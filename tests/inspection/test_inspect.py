@@ -1,0 +1,256 @@
+"""The inspector: its parts sum to the tree, whatever the tree is made of."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jax.tree_util import Partial
+
+from jaxrmp import (
+    GDS,
+    Affine,
+    Batched,
+    Leaf,
+    NaturalForm,
+    Node,
+    Pointwise,
+    SeparableGDS,
+    ShapeError,
+    Sum,
+    acceleration,
+    batched,
+    pullback,
+    pytree,
+    static,
+)
+from jaxrmp.inspection import gap, inspect, table
+from jaxrmp.kinematics import ControlPoints, panda
+from jaxrmp.leaves import Attractor, JointLimit, Posture
+
+N = 4
+
+
+@pytest.fixture(autouse=True)
+def x64():
+    with jax.enable_x64(True):
+        yield
+
+
+@pytree
+class Drag(Leaf):
+    """A leaf that is no geometric dynamical system."""
+
+    gain: jax.Array | float = 2.0
+    name: str = static(default="drag")
+    certified = False
+
+    def __call__(self, x, xd):
+        eye = jnp.eye(x.shape[-1], dtype=x.dtype)
+        return NaturalForm(-self.gain * jnp.abs(xd) * xd, jnp.broadcast_to(0.3 * eye, (*x.shape, x.shape[-1])))
+
+
+@pytree
+class Keep(SeparableGDS):
+    """Damps distances [m]; its gap is the least of them."""
+
+    weight: jax.Array | float = 0.5
+    name: str = static(default="keep")
+
+    def metric(self, x, xd):
+        return self.weight / (1 + x * x)
+
+    def potential(self, x):
+        return 0.1 * jnp.exp(-x)
+
+    def damping(self, x, xd):
+        return jnp.full_like(x, 0.7)
+
+    def gap(self, x):
+        return x.min()
+
+
+def bend(W, x):
+    return jnp.tanh(W @ x) + 0.1 * jnp.sin(x[: W.shape[0]])
+
+
+def points(W, x):
+    return jnp.reshape(jnp.tanh(W @ x), (3, 2)) + 0.2 * x[0] * x[1]
+
+
+def two_by_three(W, x):
+    return jnp.reshape(jnp.sin(W @ x), (2, 3, 2))
+
+
+def bowl_metric(A, x, xd):
+    return jnp.eye(x.shape[0]) + 0.3 * jnp.sin(x[0]) ** 2 * A @ A.T
+
+
+def bowl_potential(c, x):
+    return jnp.sum(jnp.cosh(x - c))
+
+
+def bowl_damping(A, x, xd):
+    return A @ A.T * (1 + x @ x)
+
+
+def bowl(seed, m, name):
+    A = jnp.asarray(np.random.default_rng(seed).normal(size=(m, m)))
+    return GDS(Partial(bowl_metric, A), Partial(bowl_potential, A[0]), Partial(bowl_damping, A), name)
+
+
+def tree():
+    rng = np.random.default_rng(0)
+    W, V, U = (jnp.asarray(rng.normal(size=size)) for size in ((2, N), (6, N), (12, N)))
+    inner = pullback(Partial(bend, W), bowl(1, 2, "bowl") + Drag())
+    affine = Pointwise(Affine(jnp.asarray(rng.normal(size=(2, 2))), jnp.asarray([0.1, 0.2])))
+    cloud = pullback(Partial(points, V), pullback(affine, batched(*(bowl(k, 2, "cloud") for k in range(3)))))
+    line = pullback(Affine(jnp.ones((1, 2)), jnp.zeros(1)), Keep())
+    shared = pullback(Partial(points, V), Batched(Keep() + line, True))
+    whole = pullback(Partial(points, V), Drag(0.1, name="all_points"))
+    nested = pullback(Partial(two_by_three, U), Batched(Batched(bowl(7, 2, "nested") + Drag(0.4), True), True))
+    return inner + cloud + shared + whole + nested + Drag(1.0, name="root_drag")
+
+
+def states(count=5):
+    rng = np.random.default_rng(1)
+    return jnp.asarray(rng.uniform(-1, 1, (count, N))), jnp.asarray(rng.normal(size=(count, N)))
+
+
+def test_the_parts_sum_to_the_tree():
+    policy = tree()
+    q, qd = states()
+    found = jax.jit(jax.vmap(inspect, (None, 0, 0)))(policy, q, qd)
+
+    @jax.jit
+    @jax.vmap
+    def whole(q, qd):
+        form = policy(q, qd)
+        energies = policy.energy(q, qd), policy.dissipation(q, qd)
+        return form.f, form.M, acceleration(policy, q, qd), *energies
+
+    sums = (found.f.sum(1), found.M.sum(1), found.acceleration.sum(1), found.energy.sum(1), found.dissipation.sum(1))
+    for ours, expected in zip(sums, whole(q, qd), strict=True):
+        np.testing.assert_allclose(ours, expected, rtol=1e-10, atol=1e-10)
+    np.testing.assert_allclose(found.force_share.sum(1), 1, rtol=1e-12)
+    np.testing.assert_allclose(found.metric_share.sum(1), 1, rtol=1e-12)
+    size = np.linalg.norm(found.f, axis=-1)
+    np.testing.assert_allclose(found.force_share, size / size.sum(1, keepdims=True), rtol=1e-12)
+    trace = np.trace(np.asarray(found.M), axis1=-2, axis2=-1)
+    np.testing.assert_allclose(found.metric_share, trace / trace.sum(1, keepdims=True), rtol=1e-12)
+
+
+def test_every_row_is_the_tree_with_that_leaf_alone():
+    rng = np.random.default_rng(0)
+    V = Partial(points, jnp.asarray(rng.normal(size=(6, N))))
+    leaves = [bowl(k, 2, "cloud") for k in range(3)]
+    q, qd = (a[0] for a in states())
+    found = inspect(pullback(V, batched(*leaves)) + Drag(), q, qd)
+    assert found.names == ("cloud[0]", "cloud[1]", "cloud[2]", "drag")
+    assert found.certified == (True, True, True, False)
+    for k, leaf in enumerate(leaves):
+        alone = pullback(Partial(lambda V, x, k=k: V(x)[k], V), leaf)
+        form = alone(q, qd)
+        np.testing.assert_allclose(found.f[k], form.f, rtol=1e-10)
+        np.testing.assert_allclose(found.M[k], form.M, rtol=1e-10)
+        np.testing.assert_allclose(found.energy[k], alone.energy(q, qd), rtol=1e-10)
+        np.testing.assert_allclose(found.dissipation[k], alone.dissipation(q, qd), rtol=1e-10)
+        x, xd = jax.jvp(V, (q,), (qd,))
+        np.testing.assert_allclose(found.x[k], x[k], rtol=1e-12)
+        np.testing.assert_allclose(found.xd[k], xd[k], rtol=1e-12)
+        np.testing.assert_allclose(found.gap[k], np.linalg.norm(x[k]), rtol=1e-12)
+    assert found.energy[3] == 0
+
+
+def test_names_of_batches_within_batches_count_both():
+    found = inspect(tree(), *(a[0] for a in states()))
+    nested = [name for name in found.names if name.startswith("nested")]
+    assert nested == [f"nested[{j}][{i}]" for i in range(2) for j in range(3)]
+    assert len(found.names) == len(found.x) == len(found.f) == len(found.certified)
+
+
+def test_a_leaf_says_itself_how_far_it_is():
+    assert gap(Keep(), jnp.asarray([0.4, -0.2])) == -0.2
+    assert gap(Drag(), jnp.asarray([3.0, 4.0])) == 5
+    np.testing.assert_array_equal(jax.grad(lambda x: gap(Drag(), x))(jnp.zeros(2)), 0)
+
+
+def test_conventional_fields_say_it_otherwise():
+    x = jnp.asarray([0.9, -0.5])
+    limits = JointLimit(-jnp.ones(2), jnp.ones(2))
+    assert gap(limits, x) == pytest.approx(0.1) and gap(limits, x + 0.3) == pytest.approx(-0.2)
+    assert gap(Attractor(jnp.asarray([0.9, 1.5])), x) == 2
+    assert gap(Posture(rest=jnp.asarray([0.9, 1.5])), x) == 2
+    assert gap(Attractor(jnp.zeros(2)), jnp.asarray([3.0, 4.0])) == 5
+
+
+def test_a_node_of_another_kind_is_one_row():
+    @pytree
+    class Blend(Node):
+        node: Node
+
+        def __call__(self, x, xd):
+            return self.node(x, xd)
+
+        def energy(self, x, xd):
+            return self.node.energy(x, xd)
+
+        def dissipation(self, x, xd):
+            return self.node.dissipation(x, xd)
+
+        def leaves(self):
+            yield from self.node.leaves()
+
+    found = inspect(Blend(bowl(0, N, "a") + Drag()), *(a[0] for a in states()))
+    assert found.names == ("Blend",) and found.certified == (False,)
+
+
+def test_at_rest_without_forces_shares_and_gradients_are_finite():
+    drag, zero = Drag(), jnp.zeros(N)
+    found = inspect(drag, zero, zero)
+    np.testing.assert_array_equal(found.force_share, 0)
+    assert found.metric_share == 1
+    slope = jax.jacfwd(lambda q, qd: inspect(Sum((drag, drag)), q, qd).force_share, argnums=1)(zero, zero)
+    assert np.isfinite(slope).all()
+
+
+def test_a_broken_leaf_shows_as_nan():
+    found = inspect(Drag(jnp.nan) + bowl(0, N, "a"), *(a[0] for a in states()))
+    assert np.isnan(found.force_share).all() and np.isnan(found.f[0]).all() and np.isfinite(found.f[1]).all()
+    assert "nan" in table(found)
+
+
+def test_panda_in_single_precision_and_without_retracing():
+    robot = panda()
+    traces = []
+
+    @jax.jit
+    def run(goal, q, qd):
+        traces.append(1)
+        hand = pullback(ControlPoints(robot, "panda_hand_tcp"), Batched(bowl(0, 3, "hand"), True))
+        return inspect(hand + JointLimit(robot.lower, robot.upper) + pullback(lambda q: q - goal, Drag()), q, qd)
+
+    q = jnp.asarray((robot.lower + robot.upper) / 2, jnp.float32)
+    found = run(q, q, q)
+    run(q + 1, q, q)
+    assert len(traces) == 1 and found.names == ("hand[0]", "joint_limit", "drag")
+    assert found.f.shape == (3, 7) and found.M.shape == (3, 7, 7)
+
+
+def test_the_table_is_sorted_and_marks_the_uncertified():
+    q, qd = states()
+    found = inspect(tree(), q[0], qd[0])
+    lines = table(found, rows=4).splitlines()
+    assert lines[0].split() == ["leaf", "force", "metric", "|acceleration|", "gap", "energy", "dissipation"]
+    order = np.argsort(-np.asarray(found.force_share))
+    assert [line.split()[0] for line in lines[1:5]] == [found.names[i] for i in order[:4]]
+    assert lines[5].startswith(f"{len(order) - 4} more")
+    assert "voids the certificate" in lines[-1] and "root_drag *" in table(found, rows=99)
+    shares = [float(line.split("%")[0].split()[-1]) for line in lines[1:6]]
+    np.testing.assert_allclose(sum(shares), 100, atol=0.3)
+    assert "*" not in table(inspect(bowl(0, N, "a"), q[0], qd[0]))
+
+
+def test_a_table_of_many_states_is_refused():
+    found = jax.vmap(lambda q, qd: inspect(Drag(), q, qd))(*states())
+    with pytest.raises(ShapeError, match=r"one state.*leading axes \(5,\)"):
+        table(found)
