@@ -62,6 +62,12 @@ def test_too_large_steps_are_reported_and_not_returned(learning):
         reproduce(wild, panda(), learning.prepared, duration=2.0)
 
 
+def test_recordings_in_degrees_are_recognised(configuration, door):
+    degrees = replace(door, demonstrations=tuple(replace(d, q=np.rad2deg(d.q)) for d in door))
+    with pytest.raises(DemonstrationError, match=r"joint 'panda_joint\d' is .* outside its limits .* in degrees"):
+        prepare(configuration, panda(), degrees)
+
+
 def test_joints_may_come_in_another_order_and_must_have_the_robots_names(configuration, door):
     order = [3, 0, 6, 1, 5, 2, 4]
     shuffled = DemonstrationSet(
@@ -85,7 +91,7 @@ def test_an_object_that_is_not_there_is_named_and_one_that_moves_is_refused(conf
         still_pose(moving, "cup", 0.1, 2)
 
 
-BASE = "<mujoco><worldbody>{}</worldbody></mujoco>"
+BASE = "<mujoco><compiler angle='radian'/><worldbody>{}</worldbody></mujoco>"
 ARM = """<body name="base" pos="{pos}" euler="0 0 {yaw}"><geom size=".1"/>
 <body name="upper"><joint name="a" axis="0 0 1" range="-3 3" limited="true"/><geom size=".1"/>
 <body name="lower" pos=".5 0 0"><joint name="b" axis="0 1 0" range="-3 3" limited="true"/><geom size=".1"/>
@@ -104,7 +110,7 @@ def test_object_poses_are_understood_in_the_base_frame_wherever_the_base_stands(
     configuration = replace(configuration, subtasks=(subtask,), object="cup", base="base")
     points = [
         prepare(configuration, load_robot_from_string(BASE.format(ARM.format(pos=pos, yaw=yaw))), demonstrations).points
-        for pos, yaw in (("0 0 0", 0), ("1 0 .8", 90))
+        for pos, yaw in (("0 0 0", 0.0), ("1 0 .8", 1.5))
     ]
     np.testing.assert_allclose(points[0], points[1], atol=1e-12)
 
