@@ -22,7 +22,7 @@ demo: $(VENV)/.installed-demo
 	@echo "The skill, its report and pictures are in out/drawer_closing."
 
 test: $(VENV)/.installed-dev
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n auto --dist loadfile
 
 check: $(VENV)/.installed-dev
 	$(BIN)/ruff format --check .

@@ -10,11 +10,11 @@ from typing import Any
 SCRIPT = """
 import json, sys, time
 clock = time.perf_counter()
-from jaxrmp.cli._sources import find_demonstrations, robot_of
+from jaxrmp.cli._sources import default_demonstrations, find_demonstrations, robot_of
 from jaxrmp.learning import learn, load_configuration, save_skill
 task, out = sys.argv[1:]
 configuration = load_configuration(f"configs/{task}.toml")
-learning = learn(configuration, robot_of(configuration), find_demonstrations(None, task))
+learning = learn(configuration, robot_of(configuration), find_demonstrations(default_demonstrations(task)))
 save_skill(learning.skill, f"{out}/{task}.skill.npz")
 print(json.dumps({"total_s": time.perf_counter() - clock, "loop_s": learning.seconds["metric_loop"],
                   "potentials_s": learning.seconds["potentials"], "source": learning.skill.source[:40]}))

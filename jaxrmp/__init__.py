@@ -1,7 +1,9 @@
 """Riemannian motion policies: learned from demonstrations, composed with hand-designed ones, certified stable."""
 
+from . import inspection as inspection
 from . import kinematics as kinematics
 from . import leaves as leaves
+from . import world as world
 from ._certificate import Certificate as Certificate
 from ._certificate import certificate as certificate
 from ._certificate import uncertified_leaves as uncertified_leaves
@@ -18,6 +20,8 @@ from ._errors import ShapeError as ShapeError
 from ._errors import SkillFileError as SkillFileError
 from ._errors import TrainingError as TrainingError
 from ._errors import UnknownNameError as UnknownNameError
+from ._first_order import overdamped_velocity as overdamped_velocity
+from ._first_order import velocity as velocity
 from ._forms import CanonicalForm as CanonicalForm
 from ._forms import NaturalForm as NaturalForm
 from ._forms import canonical as canonical
@@ -50,4 +54,5 @@ from ._tree import Sum as Sum
 from ._tree import acceleration as acceleration
 from ._tree import batched as batched
 from ._tree import pullback as pullback
+from ._trust_region import resolve_within as resolve_within
 from ._version import __version__ as __version__

@@ -88,10 +88,16 @@ class Selection(TaskMap):
         set_field(self, "indices", tuple(int(i) for i in self.indices))
 
     def __call__(self, x):
-        return x[np.asarray(self.indices)]
+        return x[self._rows(x)]
+
+    def _rows(self, x):
+        rows = np.asarray(self.indices, int)
+        if x.ndim != 1 or (rows.size and not (-len(x) <= rows.min() and rows.max() < len(x))):
+            raise ShapeError(f"indices {self.indices} do not fit coordinates of shape {x.shape}.")
+        return rows
 
     def pushforward(self, x, xd):
-        rows = np.asarray(self.indices)
+        rows = self._rows(x)
         J = jnp.eye(x.shape[0], dtype=x.dtype)[rows]
         return Pushforward(x[rows], xd[rows], J, jnp.zeros(rows.shape, x.dtype))
 
@@ -124,11 +130,11 @@ class RigidTransform(TaskMap):
     T_world_frame: jax.Array
 
     def __post_init__(self):
-        if not isinstance(self.T_world_frame, Tracer):
-            if check_rigid(self.T_world_frame, "T_world_frame").ndim != 2:
-                raise RigidTransformError(
-                    f"T_world_frame has shape {np.shape(self.T_world_frame)}, expected (4, 4). For many frames, vmap."
-                )
+        concrete = not isinstance(self.T_world_frame, Tracer)
+        if concrete and check_rigid(self.T_world_frame, "T_world_frame").ndim != 2:
+            raise RigidTransformError(
+                f"T_world_frame has shape {np.shape(self.T_world_frame)}, expected (4, 4). For many frames, vmap."
+            )
         set_field(self, "T_world_frame", jnp.asarray(self.T_world_frame))
 
     def __call__(self, x):

@@ -138,6 +138,9 @@ class Batched(Node):
         yield from self.node.leaves()
 
     def _over_points(self, evaluate, x, xd):
+        K = None if self.shared else jnp.shape(jax.tree.leaves(self.node)[0])[0]
+        if x.ndim < 2 or K not in (None, x.shape[0]):
+            raise ShapeError(f"x has shape {x.shape}, expected [{K or 'K'}, m]: a batched node acts on points.")
         return jax.vmap(evaluate, in_axes=(None if self.shared else 0, 0, 0))(self.node, x, xd)
 
 
@@ -156,6 +159,13 @@ def batched(*nodes: Node) -> Batched:
     """Nodes of the same kind at K points [K, m], stacked into one `Batched` node."""
     if not nodes:
         raise ShapeError("batched() needs at least one node.")
+    for i, node in enumerate(nodes):
+        if jax.tree.structure(node) != jax.tree.structure(nodes[0]):
+            raise ShapeError(
+                f"node {i} has another kind or other static fields (its name, for one) than node 0: "
+                f"{jax.tree.structure(node)} and {jax.tree.structure(nodes[0])}. Only like nodes make "
+                "one batch; add others with +."
+            )
     return Batched(jax.tree.map(lambda *parameters: jnp.stack([jnp.asarray(p) for p in parameters]), *nodes))
 
 

@@ -3,53 +3,60 @@
 import argparse
 from pathlib import Path
 
-from ..learning import learn, learning_report, load_configuration, reproduce, save_skill
+from ..learning import Learning, learn, learning_report, load_configuration, reproduce, save_skill
 from ..visualization import save_learning_figures, save_reproduction_figures
 from ._output import error_table, made_by, progress_bar, write_json
 from ._overrides import parse_overrides
 from ._reproduce import result_dict
-from ._sources import find_demonstrations, robot_of
-
-
-def add_parser(commands) -> None:
-    parser = commands.add_parser(
-        "learn",
-        help="learn a skill from demonstrations",
-        description="Learn a skill; write it with its report and pictures. Every key of the configuration can be given "
-        "as --KEY VALUE, sections with dots.",
-        epilog="example: jaxrmp learn configs/drawer_closing.toml --out out/drawer --metric.updates 500",
-    )
-    parser.add_argument("config", metavar="CONFIG", help="TOML configuration, such as configs/drawer_closing.toml")
-    parser.add_argument(
-        "--demos", metavar="DIR", help="demonstrations, or synthetic:TASK; default $JAXRMP_DATA, else synthetic ones"
-    )
-    parser.add_argument("--out", metavar="DIR", type=Path, help="output folder, default out/NAME")
-    parser.set_defaults(run=run, takes_overrides=True)
+from ._sources import default_demonstrations, find_demonstrations, robot_of
 
 
 def run(arguments: argparse.Namespace, rest: list[str]) -> None:
-    overrides = parse_overrides(rest)
-    configuration = load_configuration(arguments.config, overrides)
+    configuration = load_configuration(arguments.config, parse_overrides(rest))
     robot = robot_of(configuration)
-    demonstrations = find_demonstrations(arguments.demos, configuration.name)
+    demonstrations = find_demonstrations(arguments.demos or default_demonstrations(configuration.name))
     out = arguments.out or Path("out") / configuration.name
-    progress = progress_bar()
-    learning = learn(configuration, robot, demonstrations, progress)
-    skill_file = save_skill(learning.skill, out / f"{configuration.name}.skill.npz")
-    progress("reproducing", 0.0)
-    reproduction = reproduce(learning.skill, robot, learning.prepared)
-    result = result_dict(reproduction)
-    write_json({**learning_report(learning), "reproduction": result}, out / "learning_report.json")
-    progress("drawing", 0.5)
-    save_learning_figures(learning, out / "figures")
-    save_reproduction_figures(learning.prepared, reproduction, out / "figures")
-    write_json(made_by("learn", configuration, demonstrations.source), out / "made_by.json")
-    progress("done", 1.0)
-    for name, choice in zip(learning.skill.subtasks, learning.potentials, strict=True):
-        print(
-            f"{name}: kernel width {choice.trial.width} m, convex program {choice.fit.status}, basin "
-            f"{choice.trial.basin.share_reached:.1%} of {choice.trial.basin.starts} starts, "  # type: ignore[union-attr]
-            f"beyond 90 degrees {choice.trial.beyond_90:.1%}"
+    out.mkdir(parents=True, exist_ok=True)
+    with progress_bar() as progress:
+        learning = learn(configuration, robot, demonstrations, progress)
+        write_json(made_by("learn", configuration, demonstrations.source), out / "made_by.json")
+        skill_file = save_skill(learning.skill, out / f"{configuration.name}.skill.npz")
+        progress("reproducing", 0.0)
+        reproduction = reproduce(learning.skill, robot, learning.prepared)
+        result = result_dict(reproduction, learning.skill.source, demonstrations.source)
+        write_json({**learning_report(learning), "reproduction": result}, out / "learning_report.json")
+        progress("drawing", 0.5)
+        save_learning_figures(learning, out / "figures")
+        save_reproduction_figures(learning.prepared, reproduction, out / "figures")
+    print(_summary(learning))
+    print(error_table(result))
+    print(f"skill written to {skill_file}; report and pictures beside it")
+
+
+def _summary(learning: Learning) -> str:
+    """What a person should know before trusting the skill, a line each."""
+    skill, seconds = learning.skill, learning.seconds
+    lines = [
+        f"learned {skill.configuration.name} from {skill.source}",
+        f"frame: {learning.prepared.frame}",
+    ]
+    for i, report in enumerate(learning.prepared.joints.reports):
+        found = [
+            f"{report.repeats_merged} repeated stamps" if report.repeats_merged else "",
+            f"{report.gaps} gaps, the largest {report.largest_gap:.2f} s" if report.gaps else "",
+            f"{report.pause_seconds_dropped:.1f} s of pauses dropped" if report.pauses_dropped else "",
+        ]
+        if any(found):
+            lines.append(f"demonstration {i}: {', '.join(filter(None, found))}")
+    widths = skill.configuration.potential.widths
+    for name, choice in zip(skill.subtasks, learning.potentials, strict=True):
+        trial, basin = choice.trial, choice.trial.basin
+        at_edge = len(widths) > 1 and trial.width in (min(widths), max(widths))
+        lines.append(
+            f"{name}: convex program {choice.fit.status}, kernel width {trial.width} m"
+            f"{' (at the edge of potential.widths)' if at_edge else ''}, basin "
+            f"{basin.share_reached:.1%} of {basin.starts} starts, beyond 90 degrees {trial.beyond_90:.1%}"  # type: ignore[union-attr]
         )
-    print(error_table(result["per_demo"], result["mean"]))
-    print(f"learned from {demonstrations.source} in {sum(list(learning.seconds.values())[:3]):.1f} s: {skill_file}")
+    total = sum(seconds[step] for step in ("preprocessing", "potentials", "metrics"))
+    lines.append(f"time: {total:.1f} s of learning, {seconds['metric_loop']:.1f} s of it in the training loop")
+    return "\n".join(lines)

@@ -1,28 +1,13 @@
 """Parses the command line, runs the command, and turns errors into messages and exit codes."""
 
-import argparse
+import importlib
 import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from .. import __version__
 from .._errors import JaxrmpError
-from . import _demonstrate, _learn, _reproduce
-
-EXIT_CODES = "exit codes: 0 done, 1 an error that the message explains, 2 wrong usage, 130 interrupted"
-
-
-def build_parser() -> argparse.ArgumentParser:
-    """The parser of `jaxrmp`, one subcommand a module."""
-    parser = argparse.ArgumentParser(
-        prog="jaxrmp", description="Stable reactive robot motion policies from demonstrations.", epilog=EXIT_CODES
-    )
-    parser.add_argument("--version", action="version", version=f"jaxrmp {__version__}")
-    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    for module in (_learn, _reproduce, _demonstrate):
-        module.add_parser(commands)
-    return parser
+from ._parser import build_parser
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -33,9 +18,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         parser.error(f"unrecognized arguments: {' '.join(rest)}")
     _keep_compiled_programs()
     try:
-        parsed.run(parsed, rest)
+        importlib.import_module(f"._{parsed.command}", __package__).run(parsed, rest)
     except JaxrmpError as error:
         print(f"jaxrmp: {error}", file=sys.stderr)
+        return 1
+    except OSError as error:
+        print(
+            f"jaxrmp: cannot write or read {error.filename or 'a file'!r}: {error.strerror or error}.", file=sys.stderr
+        )
         return 1
     except KeyboardInterrupt:
         print("jaxrmp: interrupted; no file was left half-written", file=sys.stderr)

@@ -1,9 +1,11 @@
 """Progress on the terminal, and files that say what made them."""
 
+import contextlib
 import json
+import math
 import platform
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -14,22 +16,23 @@ from ..learning import Configuration, configuration_to_dict
 _PACKAGES = ("jaxrmp", "jax", "jaxlib", "numpy", "flax", "optax", "cvxpy", "clarabel", "mujoco")
 
 
-def progress_bar() -> Callable[[str, float], None]:
-    """A function `(step, fraction)` that draws a bar for the steps of learning; without a terminal, a line a step."""
+@contextlib.contextmanager
+def progress_bar() -> Iterator[Callable[[str, float], None]]:
+    """A function `(step, fraction)` that draws a bar for each step of a command; without a terminal, a line a step."""
     if not sys.stderr.isatty():
-        return _progress_lines()
+        yield _progress_lines()
+        return
     from tqdm import tqdm
 
-    bar = tqdm(total=1.0, bar_format="{desc:<14} {percentage:3.0f} %|{bar}| {elapsed}", file=sys.stderr, leave=False)
+    layout = "{desc:<14} {percentage:3.0f} %|{bar}| {elapsed}"
+    with tqdm(total=1.0, bar_format=layout, file=sys.stderr, leave=False) as bar:
 
-    def show(step: str, fraction: float) -> None:
-        bar.set_description_str(step, refresh=False)
-        bar.n = fraction
-        bar.refresh()
-        if step == "done":
-            bar.close()
+        def show(step: str, fraction: float) -> None:
+            bar.set_description_str(step, refresh=False)
+            bar.n = fraction
+            bar.refresh()
 
-    return show
+        yield show
 
 
 def _progress_lines() -> Callable[[str, float], None]:
@@ -44,10 +47,18 @@ def _progress_lines() -> Callable[[str, float], None]:
 
 
 def write_json(content: Any, path: Path) -> None:
-    """Write `content` as indented JSON, whole or not at all; numbers must be finite."""
-    text = json.dumps(content, indent=1, allow_nan=False)
+    """Write `content` as indented JSON, whole or not at all; a number that is not finite becomes null."""
+    text = json.dumps(_without_nan(content), indent=1, allow_nan=False)
     with atomic_write(path) as file:
         file.write(text.encode() + b"\n")
+
+
+def _without_nan(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {k: _without_nan(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_without_nan(v) for v in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def made_by(command: str, configuration: Configuration, source: str) -> dict[str, Any]:
@@ -68,10 +79,14 @@ def made_by(command: str, configuration: Configuration, source: str) -> dict[str
     }
 
 
-def error_table(errors: list[dict[str, Any]], mean: dict[str, float]) -> str:
-    """Reproduction errors as a table, one row a demonstration and one for the mean."""
-    lines = ["demo    dtw_cm  frechet_cm  goal_cm  energy_increase  limit_margin_rad"]
-    for name, e in [(str(e["demo"]), e) for e in errors] + [("mean", mean)]:
+def error_table(result: dict[str, Any]) -> str:
+    """Reproduction errors as a table, one row a demonstration and one for the mean, under what they are about."""
+    lines = []
+    if result["learned_from"] != result["measured_on"]:
+        lines.append(f"note: learned from {result['learned_from']}, measured on other demonstrations")
+    lines.append(f"measured on {result['measured_on']}")
+    lines.append("demo    dtw_cm  frechet_cm  goal_cm  energy_increase  limit_margin_rad")
+    for name, e in [(str(e["demo"]), e) for e in result["per_demo"]] + [("mean", result["mean"])]:
         lines.append(
             f"{name:<6}{e['dtw_cm']:>8.2f}{e['frechet_cm']:>12.2f}{e['goal_cm']:>9.3f}{e['energy_increase']:>17.1e}"
             f"{e['limit_margin_rad']:>18.3f}"

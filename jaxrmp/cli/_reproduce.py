@@ -11,33 +11,8 @@ from .._errors import ConfigurationError
 from .._files import atomic_write
 from ..learning import Reproduction, load_skill, prepare, reproduce
 from ..visualization import save_reproduction_figures
-from ._output import error_table, write_json
-from ._sources import find_demonstrations, robot_of
-
-
-def add_parser(commands) -> None:
-    parser = commands.add_parser(
-        "reproduce",
-        help="roll a skill out from each demonstration's start and measure it",
-        description="Kinematic rollouts of the whole policy from each demonstration's first configuration, compared "
-        "with that demonstration: DTW, discrete Frechet and final distance of control points in the object's frame.",
-        epilog="example: jaxrmp reproduce out/drawer_closing/drawer_closing.skill.npz --json errors.json",
-    )
-    parser.add_argument("skill", metavar="SKILL", help="skill file written by jaxrmp learn")
-    parser.add_argument("--demos", metavar="DIR", help="demonstrations, or synthetic:TASK; default as in jaxrmp learn")
-    parser.add_argument("--robot", metavar="FILE", help="robot file, if it is no longer where the skill was learned")
-    parser.add_argument("--json", metavar="FILE", type=Path, help="write the errors as JSON")
-    parser.add_argument("--save", metavar="FILE", type=Path, help="write the rollouts as NPZ: time_K, q_K, qd_K")
-    parser.add_argument("--figures", metavar="DIR", type=Path, help="draw the reproductions")
-    parser.add_argument(
-        "--targets",
-        choices=("own", "skill"),
-        default="own",
-        help="where the subtasks end: where each demonstration ended (default), or the skill's mean",
-    )
-    parser.add_argument("--duration", metavar="S", type=float, default=20.0, help="seconds of rollout, default 20")
-    parser.add_argument("--dt", metavar="S", type=float, default=0.005, help="seconds a step, default 0.005")
-    parser.set_defaults(run=run)
+from ._output import error_table, made_by, progress_bar, write_json
+from ._sources import demonstrations_of, robot_of
 
 
 def run(arguments: argparse.Namespace, rest: list[str]) -> None:
@@ -51,29 +26,35 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
         configuration = replace(configuration, robot=arguments.robot)
     robot = robot_of(configuration)
     skill.check_robot(robot)
-    prepared = prepare(configuration, robot, find_demonstrations(arguments.demos, configuration.name))
-    reproduction = reproduce(
-        skill,
-        robot,
-        prepared,
-        duration=arguments.duration,
-        dt=arguments.dt,
-        own_targets=arguments.targets == "own",
-    )
-    result = result_dict(reproduction)
-    if arguments.json:
-        write_json(result, arguments.json)
-    if arguments.save:
-        save_rollouts(reproduction, arguments.save)
-    if arguments.figures:
-        save_reproduction_figures(prepared, reproduction, arguments.figures)
-    print(error_table(result["per_demo"], result["mean"]))
+    demonstrations = demonstrations_of(skill, arguments.demos)
+    with progress_bar() as progress:
+        progress("preparing", 0.0)
+        prepared = prepare(configuration, robot, demonstrations)
+        progress("reproducing", 0.3)
+        reproduction = reproduce(
+            skill,
+            robot,
+            prepared,
+            duration=arguments.duration,
+            dt=arguments.dt,
+            own_targets=arguments.targets == "own",
+        )
+        result = result_dict(reproduction, skill.source, demonstrations.source)
+        if arguments.json:
+            write_json(result, arguments.json)
+        if arguments.save:
+            save_rollouts(reproduction, arguments.save)
+        if arguments.figures:
+            progress("drawing", 0.8)
+            write_json(made_by("reproduce", configuration, demonstrations.source), arguments.figures / "made_by.json")
+            save_reproduction_figures(prepared, reproduction, arguments.figures)
+    print(error_table(result))
 
 
-def result_dict(reproduction: Reproduction) -> dict[str, Any]:
-    """Errors per demonstration and in the mean, as written by --json."""
+def result_dict(reproduction: Reproduction, learned_from: str, measured_on: str) -> dict[str, Any]:
+    """Errors per demonstration and in the mean, and which demonstrations they are about, as written by --json."""
     per_demo = [{"demo": i, **errors} for i, errors in enumerate(reproduction.errors)]
-    return {"per_demo": per_demo, "mean": reproduction.mean}
+    return {"learned_from": learned_from, "measured_on": measured_on, "per_demo": per_demo, "mean": reproduction.mean}
 
 
 def save_rollouts(reproduction: Reproduction, path: Path) -> None:

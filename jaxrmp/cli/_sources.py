@@ -1,11 +1,12 @@
 """Where robots and demonstrations come from, as named on the command line."""
 
 import os
+from dataclasses import replace
 from pathlib import Path
 
 from .._errors import DemonstrationError
 from ..kinematics import Robot, load_robot, panda
-from ..learning import Configuration, DemonstrationSet, load_demonstrations
+from ..learning import Configuration, DemonstrationSet, Skill, load_demonstrations
 from ..synthetic import SYNTHETIC_TASKS, synthetic_demonstrations
 
 SYNTHETIC = "synthetic:"
@@ -18,22 +19,47 @@ def robot_of(configuration: Configuration) -> Robot:
     return load_robot(configuration.robot, fixed=dict(configuration.fixed_joints))
 
 
-def find_demonstrations(named: str | None, skill: str) -> DemonstrationSet:
-    """The demonstrations named on the command line, or the default ones of a skill.
+def default_demonstrations(skill: str) -> str:
+    """Where the demonstrations of a skill are by default, as named on the command line.
 
-    `named` is a folder, or `synthetic:TASK`. Without it: the folder franka/SKILL of $JAXRMP_DATA if there is one, else
-    the scripted demonstrator's.
+    The folder franka/SKILL of $JAXRMP_DATA if that is set, else the scripted demonstrator's.
     """
-    if named is None:
-        recorded = Path(os.environ.get("JAXRMP_DATA") or os.devnull) / "franka" / skill
-        if recorded.is_dir():
-            named = str(recorded)
-        elif skill in SYNTHETIC_TASKS:
-            named = SYNTHETIC + skill
-        else:
+    data = os.environ.get("JAXRMP_DATA")
+    synthetic = SYNTHETIC + skill if skill in SYNTHETIC_TASKS else None
+    if data:
+        folder = Path(data) / "franka" / skill
+        if not folder.is_dir():
             raise DemonstrationError(
-                f"there are no default demonstrations of {skill!r}: say where they are with --demos DIR."
+                f"JAXRMP_DATA is set, but there is no folder {str(folder)!r}. Correct it, unset it, or say where the "
+                f"demonstrations are: --demos DIR{f', or --demos {synthetic}' if synthetic else ''}."
             )
+        return str(folder.resolve())
+    if synthetic is None:
+        raise DemonstrationError(
+            f"there are no default demonstrations of {skill!r}: say where they are with --demos DIR."
+        )
+    return synthetic
+
+
+def find_demonstrations(named: str) -> DemonstrationSet:
+    """The demonstrations named on the command line, a folder or synthetic:TASK; that name becomes their source."""
     if named.startswith(SYNTHETIC):
-        return synthetic_demonstrations(named.removeprefix(SYNTHETIC))
-    return load_demonstrations(named)
+        return replace(synthetic_demonstrations(named.removeprefix(SYNTHETIC)), source=named)
+    if named == SYNTHETIC.removesuffix(":"):
+        raise DemonstrationError(
+            f"which synthetic task? Write {SYNTHETIC}TASK, TASK one of {', '.join(SYNTHETIC_TASKS)}."
+        )
+    return replace(load_demonstrations(named), source=str(Path(named).resolve()))
+
+
+def demonstrations_of(skill: Skill, named: str | None) -> DemonstrationSet:
+    """The demonstrations named, or else those that the skill was learned from."""
+    try:
+        return find_demonstrations(named or skill.source)
+    except DemonstrationError as error:
+        if named:
+            raise
+        raise DemonstrationError(
+            f"the demonstrations that the skill was learned from are not where they were: {error} Say where they are "
+            "with --demos DIR."
+        ) from error

@@ -102,7 +102,7 @@ def read_yaml(path: str | os.PathLike) -> Setting:
     try:
         import yaml
     except ImportError as error:
-        raise MissingDependencyError("PyYAML", "robots") from error
+        raise MissingDependencyError("PyYAML", "formats") from error
     source = str(path)
     try:
         # The base loader leaves every scalar as it is written.

@@ -58,7 +58,7 @@ def _import_mujoco() -> Any:
     try:
         import mujoco
     except ImportError as error:
-        raise MissingDependencyError("mujoco", "simulation") from error
+        raise MissingDependencyError("mujoco", "robots") from error
     return mujoco
 
 
@@ -180,7 +180,13 @@ def _urdf_velocity_limits(text: bytes, source: str) -> dict[str, float]:
     limits = {}
     for joint in root.findall("joint"):
         limit = joint.find("limit")
-        velocity = float(limit.get("velocity", 0.0)) if limit is not None else 0.0
+        given = limit.get("velocity", "0") if limit is not None else "0"
+        try:
+            velocity = float(given)
+        except ValueError as error:
+            raise RobotError(
+                f"{source}: joint {joint.get('name')!r} has velocity limit {given!r}, expected a number."
+            ) from error
         if velocity > 0.0:
             limits[joint.get("name", "")] = velocity
     return limits

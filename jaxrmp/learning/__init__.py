@@ -9,9 +9,9 @@ from ._configuration import PolicySettings as PolicySettings
 from ._configuration import PotentialSettings as PotentialSettings
 from ._configuration import Subtask as Subtask
 from ._configuration import TargetSettings as TargetSettings
-from ._configuration import configuration_from_dict as configuration_from_dict
-from ._configuration import configuration_to_dict as configuration_to_dict
-from ._configuration import load_configuration as load_configuration
+from ._configuration_file import configuration_from_dict as configuration_from_dict
+from ._configuration_file import configuration_to_dict as configuration_to_dict
+from ._configuration_file import load_configuration as load_configuration
 from ._demonstration_files import load_demonstrations as load_demonstrations
 from ._demonstration_files import save_demonstrations as save_demonstrations
 from ._demonstrations import Demonstration as Demonstration

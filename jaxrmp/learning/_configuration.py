@@ -1,16 +1,27 @@
 """What a skill is learned from and how: the content of a configuration file."""
 
-import dataclasses
-import tomllib
-import types
-import typing
+import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 from .._errors import ConfigurationError, UnknownNameError
 from ._preprocessing import PreprocessingSettings
+
+ACTIVATIONS = ("relu", "softplus", "silu", "tanh")
+LOSSES = ("smooth_l1", "l2")
+
+
+def _require(section: str, settings: Any, positive: tuple[str, ...] = (), not_negative: tuple[str, ...] = ()) -> None:
+    """Raise a `ConfigurationError` unless the named values, or all entries of the named lists, have the right sign."""
+    for name in (*positive, *not_negative):
+        value = getattr(settings, name)
+        entries = value if isinstance(value, tuple) else (value,)
+        least_ok = (lambda v: v > 0) if name in positive else (lambda v: v >= 0)
+        if not entries or not all(math.isfinite(v) and least_ok(v) for v in entries):
+            kind = "a positive number" if name in positive else "a number that is not negative"
+            raise ConfigurationError(f"{section}.{name} is {value!r}, expected {kind}.")
 
 
 @dataclass(frozen=True)
@@ -24,10 +35,15 @@ class Subtask:
 
 @dataclass(frozen=True)
 class TargetSettings:
-    """`taper`, m: target speed falls as tanh(distance / taper). `end_tolerance`, m: how far apart ends may lie."""
+    """Lengths in metres. `taper`: the target speed falls as tanh(distance / taper). `end_tolerance`: how far from
+    their mean the ends may lie. `object_tolerance`: how far a tracked object may move during a demonstration."""
 
     taper: float = 0.03
     end_tolerance: float = 0.08
+    object_tolerance: float = 0.1
+
+    def __post_init__(self):
+        _require("target", self, positive=("end_tolerance", "object_tolerance"), not_negative=("taper",))
 
 
 @dataclass(frozen=True)
@@ -40,6 +56,10 @@ class PotentialSettings:
     end_weight: float = 100.0
     basin_starts: int = 2000
     basin_margin: float = 0.3
+
+    def __post_init__(self):
+        _require("potential", self, positive=("widths", "sharpness", "end_weight", "basin_starts"))
+        _require("potential", self, not_negative=("regularization", "basin_margin"))
 
 
 @dataclass(frozen=True)
@@ -58,6 +78,13 @@ class MetricSettings:
     weight_decay: float = 3e-5
     spread: float = 0.01
 
+    def __post_init__(self):
+        _require("metric", self, positive=("hidden", "offset", "length_scale", "updates", "learning_rate"))
+        _require("metric", self, not_negative=("weight_decay", "spread"))
+        for name, valid in (("activation", ACTIVATIONS), ("loss", LOSSES)):
+            if getattr(self, name) not in valid:
+                raise UnknownNameError(name, getattr(self, name), valid)
+
 
 @dataclass(frozen=True)
 class PolicySettings:
@@ -72,14 +99,20 @@ class PolicySettings:
     joint_limit_barrier: float = 0.01
     joint_limit_reach: float = 0.1
 
+    def __post_init__(self):
+        _require("policy", self, positive=("speed", "damping_rate", "joint_damping_weight", "joint_limit_weight"))
+        _require("policy", self, positive=("joint_limit_sigma", "joint_limit_reach"))
+        _require("policy", self, not_negative=("joint_damping_rate", "joint_limit_barrier"))
+
 
 @dataclass(frozen=True)
 class Configuration:
     """Everything that `learn` needs besides the demonstrations.
 
     `name` of the skill; `subtasks`, its control points; `robot`, "panda" or the path of an MJCF or URDF file;
-    `fixed_joints`, joints of that file that stay at a value; `object`, the tracked object whose frame the skill lives
-    in, empty for the base axes at the mean final position of the first control point.
+    `fixed_joints`, joints of that file that stay at a value; `base`, the frame of the robot in which object poses were
+    recorded; `object`, the tracked object whose frame the skill lives in, empty for the axes of `base` at the mean
+    final position of the first control point.
 
     **Raises** `ConfigurationError` for values that make no sense.
     """
@@ -88,6 +121,7 @@ class Configuration:
     subtasks: tuple[Subtask, ...]
     robot: str = "panda"
     fixed_joints: Mapping[str, float] = field(default_factory=dict, hash=False)
+    base: str = "world"
     object: str = ""
     seed: int = 0
     preprocessing: PreprocessingSettings = PreprocessingSettings()
@@ -100,108 +134,13 @@ class Configuration:
         names = [subtask.name for subtask in self.subtasks]
         if not names or len(set(names)) < len(names):
             raise ConfigurationError(f"subtasks are named {names}, expected at least one and each name once.")
-        for section, values in (("policy", self.policy), ("target", self.target)):
-            for key, value in dataclasses.asdict(values).items():
-                if not 0 < value < float("inf") and (section, key) != ("target", "taper"):
-                    raise ConfigurationError(f"{section}.{key} is {value!r}, expected a positive number.")
-        if not self.potential.widths or min(self.potential.widths) <= 0:
-            raise ConfigurationError(f"potential.widths is {self.potential.widths!r}, expected positive lengths.")
-        if self.metric.updates < 1 or self.metric.length_scale <= 0 or self.metric.offset <= 0:
-            raise ConfigurationError("metric.updates, metric.length_scale and metric.offset must be positive.")
-
-
-def load_configuration(path: str | Path, overrides: Mapping[str, Any] | None = None) -> Configuration:
-    """Read a TOML configuration; `overrides` are values by dotted key, such as
-    `{"metric.updates": 500, "subtasks.gripper.frame": "panda_hand"}`.
-
-    **Raises** `ConfigurationError` if the file is missing or unreadable, or a value has the wrong type;
-    `UnknownNameError` for a key that is not known.
-    """
-    try:
-        content = tomllib.loads(Path(path).read_text())
-    except OSError as error:
-        raise ConfigurationError(f"cannot read configuration {str(path)!r}: {error.strerror}.") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ConfigurationError(f"configuration {str(path)!r} is no valid TOML: {error}.") from error
-    for key, value in (overrides or {}).items():
-        *sections, last = key.split(".")
-        table: Any = content
-        for section in sections:
-            table = _section(table, section, key)
-        table[last] = value
-    return configuration_from_dict(content)
-
-
-def _section(table: dict[str, Any], section: str, key: str) -> dict[str, Any]:
-    """The section of a table, made if need be; of a list of named tables, as `subtasks` is, a dict of them by name."""
-    inner = table.setdefault(section, {})
-    if isinstance(inner, list) and all(isinstance(entry, dict) for entry in inner):
-        return _Named(inner)
-    if not isinstance(inner, dict):
-        raise ConfigurationError(f"{key!r} does not name a value: {section!r} is no section.")
-    return inner
-
-
-class _Named(dict):
-    """A list of tables seen by their names."""
-
-    def __init__(self, tables: list[dict[str, Any]]):
-        super().__init__({str(table.get("name")): table for table in tables})
-
-    def setdefault(self, key, default=None):
-        if key not in self:
-            raise UnknownNameError("subtask", key, self)
-        return self[key]
-
-
-def configuration_from_dict(content: Mapping[str, Any]) -> Configuration:
-    """A `Configuration` from plain dictionaries, as in TOML or in a skill file. Raises as `load_configuration`."""
-    return _build(Configuration, dict(content), "")
-
-
-def _build(kind: Any, value: Any, where: str) -> Any:
-    """Turn plain data into the annotated type `kind`, or say what does not fit."""
-    origin, arguments = typing.get_origin(kind), typing.get_args(kind)
-    if dataclasses.is_dataclass(kind):
-        if not isinstance(value, Mapping):
-            raise ConfigurationError(f"{where} is {value!r}, expected a section of keys.")
-        types_of = typing.get_type_hints(kind)
-        known = [f.name for f in dataclasses.fields(kind)]
-        for key in value:
-            if key not in known:
-                raise UnknownNameError(f"configuration key in {where or 'the configuration'}", key, known)
-        for f in dataclasses.fields(kind):
-            required = f.default is dataclasses.MISSING and f.default_factory is dataclasses.MISSING
-            if required and f.name not in value:
-                raise ConfigurationError(f"{where + '.' if where else ''}{f.name} is missing.")
-        prefix = f"{where}." if where else ""
-        return kind(**{key: _build(types_of[key], v, prefix + key) for key, v in value.items()})  # type: ignore[operator]
-    if origin is tuple and isinstance(value, list | tuple):
-        if arguments[-1] is not Ellipsis and len(value) != len(arguments):
-            raise ConfigurationError(f"{where} is {value!r}, expected {len(arguments)} entries.")
-        kinds = [arguments[0]] * len(value) if arguments[-1] is Ellipsis else arguments
-        return tuple(_build(k, v, f"{where}[{i}]") for i, (k, v) in enumerate(zip(kinds, value, strict=True)))
-    if origin in (Mapping, dict) or kind is Mapping or getattr(origin, "__name__", "") == "Mapping":
-        if isinstance(value, Mapping):
-            return types.MappingProxyType({str(k): _build(arguments[1], v, f"{where}.{k}") for k, v in value.items()})
-    elif origin is typing.Literal or (kind is str and isinstance(value, str)):
-        return value
-    elif kind is float and isinstance(value, int | float) and not isinstance(value, bool):
-        return float(value)
-    elif kind is int and isinstance(value, int) and not isinstance(value, bool):
-        return value
-    expected = getattr(kind, "__name__", str(kind))
-    raise ConfigurationError(f"{where} is {value!r} ({type(value).__name__}), expected {expected}.")
-
-
-def configuration_to_dict(configuration: Configuration) -> dict[str, Any]:
-    """Plain dictionaries, lists, strings and numbers, fit for JSON; `configuration_from_dict` undoes it."""
-    return {f.name: _plain(getattr(configuration, f.name)) for f in dataclasses.fields(configuration)}
-
-
-def _plain(value: Any) -> Any:
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return {f.name: _plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
-    if isinstance(value, Mapping):
-        return {k: _plain(v) for k, v in value.items()}
-    return [_plain(v) for v in value] if isinstance(value, tuple | list) else value
+        if not re.fullmatch(r"\w[\w.-]*", self.name):
+            raise ConfigurationError(
+                f"name is {self.name!r}, expected letters, digits, '_', '-' or '.': files bear it."
+            )
+        if self.seed < 0:
+            raise ConfigurationError(f"seed is {self.seed!r}, expected 0 or more.")
+        if self.robot == "panda" and self.fixed_joints:
+            raise ConfigurationError(
+                f"fixed_joints is {dict(self.fixed_joints)!r}, but the built-in Panda has none to fix: its fingers are."
+            )

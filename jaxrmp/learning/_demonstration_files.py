@@ -5,14 +5,13 @@ import os
 import re
 import shutil
 import uuid
-import zipfile
-import zlib
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from .._errors import DemonstrationError
+from .._files import read_npz
 from ._demonstration_tables import read_table
 from ._demonstrations import Demonstration, DemonstrationSet, check_demonstration, check_poses
 
@@ -148,9 +147,8 @@ def _read_meta(file: Path, required: bool) -> dict[str, Any]:
 
 def _read_npz(file: Path, joint_names: tuple[str, ...] | None) -> tuple[Demonstration, tuple[str, ...]]:
     try:
-        with np.load(file, allow_pickle=False) as archive:
-            arrays = {name: archive[name] for name in archive.files}
-    except (OSError, ValueError, EOFError, AttributeError, TypeError, zipfile.BadZipFile, zlib.error) as error:
+        arrays = read_npz(file)
+    except (OSError, ValueError) as error:
         raise DemonstrationError(
             f"{file} is not readable as an NPZ file of plain arrays: {error}. Write it with numpy.savez."
         ) from error
@@ -198,4 +196,4 @@ def _check_replaceable(folder: Path, overwrite: bool) -> None:
             f"{folder} holds other things than demonstrations ({others[:5]}) and is left alone: choose another folder."
         )
     if not overwrite:
-        raise DemonstrationError(f"{folder} is not empty: choose another folder, or say overwrite=True.")
+        raise DemonstrationError(f"{folder} is not empty: choose another folder, or say overwrite=True (--overwrite).")

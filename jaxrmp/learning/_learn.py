@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any, NamedTuple
 
 import jax
@@ -10,31 +10,35 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._errors import DemonstrationError
-from ..kinematics import Robot, frame_poses
-from ..leaves import Learned
+from ..kinematics import Robot, forward_kinematics, frame_poses
+from ..leaves import Learned, NominalPotential
 from ._configuration import Configuration, MetricSettings
-from ._demonstrations import DemonstrationSet
+from ._demonstrations import Demonstration, DemonstrationSet
 from ._metric_training import MetricFit, train_metrics
 from ._nominal import nominal_demonstration
 from ._potential_choice import PotentialChoice, choose_potential
 from ._preprocessing import Preprocessed, preprocess
-from ._skill import Skill, mean_pose, rigid_targets
+from ._skill import Skill, joint_leaves, mean_pose, rigid_targets
 from ._subtask_trajectories import SubtaskTrajectories, subtask_trajectories
 
 Progress = Callable[[str, float], None]
+_BEYOND_LIMITS = 0.2  # rad or m: recordings may sit a little outside a model's limits, degrees do not
 
 
 class PreparedDemonstrations(NamedTuple):
     """Demonstrations as control points in the object's frame.
 
-    `joints`, the preprocessed joint trajectories; `poses` [N, 4, 4], the object's frame in the base frame in each;
-    `points`, N arrays [T, K, 3], m, in that frame; `subtasks`, those with each end moved to the origin, resampled.
+    `joints`, the preprocessed joint trajectories; `poses` [N, 4, 4], the object's frame in the world of the
+    robot's model in each;
+    `points`, N arrays [T, K, 3], m, in that frame; `subtasks`, those with each end moved to the origin, resampled;
+    `frame` says which frame it is.
     """
 
     joints: Preprocessed
     poses: np.ndarray
     points: tuple[np.ndarray, ...]
     subtasks: SubtaskTrajectories
+    frame: str
 
 
 class Learning(NamedTuple):
@@ -83,28 +87,41 @@ def learn(
         nominal.append(nominal_demonstration(list(positions))[0])
         settings = asdict(configuration.potential)
         directions = prepared.subtasks.directions[k]
-        potentials.append(choose_potential(positions, directions, nominal[-1], seed=configuration.seed, **settings))
+        potentials.append(
+            choose_potential(
+                positions,
+                directions,
+                nominal[-1],
+                seed=configuration.seed,
+                progress=lambda fraction, k=k: progress("potentials", (k + fraction) / K),
+                **settings,
+            )
+        )
     progress("potentials", 1.0)
     lap("potentials")
-    metric = _train(configuration, prepared.subtasks, potentials, progress)
+    potential = _stacked([choice.fit.potential for choice in potentials])
+    metric = _train(configuration, prepared.subtasks, potential, progress)
     lap("metrics")
     seconds |= {"metric_compilation": metric.compilation_seconds, "metric_loop": metric.loop_seconds}
     policy = configuration.policy
     learned = Learned(
-        _stacked([choice.fit.potential for choice in potentials]),
+        potential,
         metric.factors,
         jnp.full(K, policy.speed, jnp.float32),
         jnp.full(K, policy.damping_rate, jnp.float32),
     )
-    frames = tuple(subtask.frame for subtask in configuration.subtasks)
-    offsets = np.array([subtask.offset for subtask in configuration.subtasks])
+    frames, offsets = control_point_frames(configuration)
+    joint_damping, joint_limit, limited = joint_leaves(robot, policy)
     skill = Skill(
         learned=learned,
+        joint_damping=joint_damping,
+        joint_limit=joint_limit,
         offsets=jnp.asarray(offsets, jnp.float32),
         targets=jnp.asarray(rigid_targets(offsets, frames, prepared.subtasks.ends), jnp.float32),
-        T_base_object=jnp.asarray(mean_pose(prepared.poses), jnp.float32),
+        T_world_object=jnp.asarray(mean_pose(prepared.poses), jnp.float32),
         frames=frames,
         subtasks=tuple(subtask.name for subtask in configuration.subtasks),
+        limited=limited,
         configuration=configuration,
         robot_fingerprint=robot.fingerprint,
         source=demonstrations.source,
@@ -116,29 +133,27 @@ def prepare(configuration: Configuration, robot: Robot, demonstrations: Demonstr
     """Preprocess demonstrations and bring the control points into the object's frame.
 
     The object's frame is its pose at each demonstration's first sample; if the configuration or the whole set has no
-    tracked object, it is the base axes with their origin at the mean final position of the first control point.
+    tracked object, it has the axes of the robot's `base` frame and its origin at the mean final position of the first
+    control point. The demonstrations' joints may be in another order than the robot's.
 
-    **Raises** `DemonstrationError` if the joints are not the robot's, and what `preprocess` and
-    `subtask_trajectories` raise.
+    **Raises** `DemonstrationError` if the joints are not the robot's, or the object moves during a demonstration; and
+    what `preprocess` and `subtask_trajectories` raise.
     """
-    if len(demonstrations.joint_names) != robot.num_joints or (
-        set(demonstrations.joint_names) <= set(robot.joint_names)
-        and tuple(demonstrations.joint_names) != tuple(robot.joint_names)
-    ):
-        raise DemonstrationError(
-            f"demonstrations have joints {list(demonstrations.joint_names)}, robot {robot.name!r} has "
-            f"{list(robot.joint_names)}. Fix the robot's other joints (fixed_joints), or load the right robot."
-        )
-    joints = preprocess(demonstrations, configuration.preprocessing)
-    frames = tuple(subtask.frame for subtask in configuration.subtasks)
-    offsets = np.array([subtask.offset for subtask in configuration.subtasks])
-    base_points = [control_points(robot, frames, offsets, q) for q in joints.q]
-    if configuration.object and demonstrations.object_names:
-        poses = np.stack([demonstration.pose(configuration.object) for demonstration in demonstrations])
+    joints = preprocess(_in_robot_order(demonstrations, robot), configuration.preprocessing)
+    frames, offsets = control_point_frames(configuration)
+    world_points = [control_points(robot, frames, offsets, q) for q in joints.q]
+    with jax.enable_x64(True):
+        rest = jnp.zeros(robot.num_joints)
+        T_world_base = np.asarray(forward_kinematics(robot, rest, configuration.base))
+    tracked = bool(configuration.object and demonstrations.object_names)
+    if tracked:
+        tolerance = configuration.target.object_tolerance
+        recorded = [still_pose(d, configuration.object, tolerance, k) for k, d in enumerate(demonstrations)]
+        poses = T_world_base @ np.stack(recorded)
     else:
-        poses = np.tile(np.eye(4), (len(base_points), 1, 1))
-        poses[:, :3, 3] = np.mean([points[-1, 0] for points in base_points], axis=0)
-    points = tuple((p - T[:3, 3]) @ T[:3, :3] for p, T in zip(base_points, poses, strict=True))
+        poses = np.tile(T_world_base, (len(world_points), 1, 1))
+        poses[:, :3, 3] = np.mean([points[-1, 0] for points in world_points], axis=0)
+    points = tuple(in_frame(p, T) for p, T in zip(world_points, poses, strict=True))
     subtasks = subtask_trajectories(
         points,
         samples=configuration.preprocessing.samples,
@@ -146,11 +161,61 @@ def prepare(configuration: Configuration, robot: Robot, demonstrations: Demonstr
         taper=configuration.target.taper,
         end_tolerance=configuration.target.end_tolerance,
     )
-    return PreparedDemonstrations(joints, poses, points, subtasks)
+    frame = f"object {configuration.object}" if tracked else f"axes of {configuration.base}, origin at the mean end"
+    return PreparedDemonstrations(joints, poses, points, subtasks, frame)
+
+
+def _in_robot_order(demonstrations: DemonstrationSet, robot: Robot) -> DemonstrationSet:
+    """The same demonstrations with their joints in the robot's order."""
+    if sorted(demonstrations.joint_names) != sorted(robot.joint_names):
+        raise DemonstrationError(
+            f"demonstrations have joints {list(demonstrations.joint_names)}, robot {robot.name!r} has "
+            f"{list(robot.joint_names)}. Name them alike, fix the robot's other joints (fixed_joints), or load the "
+            "right robot."
+        )
+    order = [demonstrations.joint_names.index(name) for name in robot.joint_names]
+    reordered = tuple(replace(d, q=d.q[:, order]) for d in demonstrations)
+    for k, demonstration in enumerate(reordered):
+        beyond = np.maximum(np.asarray(robot.lower) - demonstration.q, demonstration.q - np.asarray(robot.upper)).max(0)
+        if beyond.max() > _BEYOND_LIMITS:
+            name = robot.joint_names[beyond.argmax()]
+            raise DemonstrationError(
+                f"joint {name!r} is {beyond.max():.3g} (rad or m) outside its limits in demonstration {k}. Are the "
+                "recordings in degrees, or of another robot?"
+            )
+    return replace(demonstrations, demonstrations=reordered, joint_names=robot.joint_names)
+
+
+def still_pose(demonstration: Demonstration, name: str, tolerance: float, index: int = 0) -> np.ndarray:
+    """The pose [4, 4] of an object at the first sample of a demonstration in which it stands still.
+
+    **Raises** `DemonstrationError` if it gets further than `tolerance`, m, from there; `UnknownNameError`.
+    """
+    first = demonstration.pose(name)
+    positions = demonstration.poses[name].reshape(-1, 4, 4)[:, :3, 3]
+    moved = np.linalg.norm(positions - first[:3, 3], axis=-1).max()
+    if moved > tolerance:
+        raise DemonstrationError(
+            f"{name!r} moves by {100 * moved:.1f} cm during demonstration {index}, allowed {100 * tolerance:.1f} cm: "
+            "the demonstrated path is not one path in its frame. Leave the demonstration out, choose an object that "
+            "stands still, or raise target.object_tolerance."
+        )
+    return first
+
+
+def control_point_frames(configuration: Configuration) -> tuple[tuple[str, ...], np.ndarray]:
+    """The frames of the configuration's control points, and their offsets [K, 3] in them, m."""
+    frames = tuple(subtask.frame for subtask in configuration.subtasks)
+    return frames, np.array([subtask.offset for subtask in configuration.subtasks])
+
+
+def in_frame(points: np.ndarray, T: np.ndarray) -> np.ndarray:
+    """World points [..., 3] seen from the frame at pose `T` [4, 4]."""
+    return (points - T[:3, 3]) @ T[:3, :3]
 
 
 def control_points(robot: Robot, frames: tuple[str, ...], offsets: np.ndarray, q: np.ndarray) -> np.ndarray:
-    """Positions [T, K, 3], m, in the base frame, of points at `offsets` [K, 3] in `frames`, along `q` [T, n]."""
+    """Positions [T, K, 3], m, in the world, of points at `offsets` [K, 3] in `frames`, along `q` [T, n]."""
     with jax.enable_x64(True):
         poses = np.asarray(jax.vmap(lambda q: frame_poses(robot, q, frames))(jnp.asarray(np.asarray(q, float))))
     return np.einsum("tkij,kj->tki", poses[:, :, :3, :3], offsets) + poses[:, :, :3, 3]
@@ -178,13 +243,12 @@ def training_samples(
 def _train(
     configuration: Configuration,
     subtasks: SubtaskTrajectories,
-    potentials: list[PotentialChoice],
+    potential: NominalPotential,
     progress: Progress,
 ) -> MetricFit:
     x, velocity = (
         jnp.asarray(a, jnp.float32) for a in training_samples(subtasks, configuration.metric, configuration.seed)
     )
-    potential = _stacked([choice.fit.potential for choice in potentials])
     slope = jax.jit(jax.vmap(lambda potential, x: jax.vmap(jax.grad(potential))(x)))(potential, x)
     settings = asdict(configuration.metric)
     del settings["spread"]

@@ -8,13 +8,14 @@ import jax.numpy as jnp
 
 from .._errors import MissingDependencyError, UnknownNameError
 from .._pytree import pytree, static
+from ._configuration import ACTIVATIONS
 
 try:
     import flax.linen as nn
 except ImportError as error:
     raise MissingDependencyError("flax", "learning") from error
 
-ACTIVATIONS: dict[str, Callable] = {"relu": nn.relu, "softplus": nn.softplus, "silu": nn.silu, "tanh": nn.tanh}
+_FUNCTIONS: dict[str, Callable] = {name: getattr(nn, name) for name in ACTIVATIONS}
 
 
 class CholeskyNetwork(nn.Module):
@@ -33,7 +34,7 @@ class CholeskyNetwork(nn.Module):
     def __call__(self, x):
         m = self.dimension
         for width in self.hidden:
-            x = ACTIVATIONS[self.activation](nn.Dense(width, param_dtype=self.param_dtype)(x))
+            x = _FUNCTIONS[self.activation](nn.Dense(width, param_dtype=self.param_dtype)(x))
         diagonal = nn.Dense(
             m,
             kernel_init=nn.initializers.normal(0.01),
@@ -62,7 +63,8 @@ class CholeskyFactor:
 
     def __call__(self, x: jax.Array) -> jax.Array:
         network = CholeskyNetwork(self.dimension, self.hidden, self.activation, self.offset)
-        return jnp.asarray(network.apply({"params": self.weights}, x / jnp.asarray(self.length_scale, x.dtype)))
+        weights = jax.tree.map(lambda w: jnp.asarray(w, x.dtype), self.weights)
+        return jnp.asarray(network.apply({"params": weights}, x / jnp.asarray(self.length_scale, x.dtype)))
 
 
 def initial_cholesky_factor(

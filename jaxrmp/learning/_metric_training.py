@@ -5,7 +5,7 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from typing import Literal, NamedTuple, get_args
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -13,14 +13,13 @@ import numpy as np
 
 from .._errors import ConfigurationError, MissingDependencyError, TrainingError, UnknownNameError
 from ..leaves import natural_gradient_field
+from ._configuration import LOSSES
 from ._metric_network import CholeskyFactor, initial_cholesky_factor
 
 try:
     import optax
 except ImportError as error:
     raise MissingDependencyError("optax", "learning") from error
-
-Loss = Literal["smooth_l1", "l2"]
 
 
 _UPDATES_A_CALL = 100  # in one compiled call, then progress is shown; fewer if that does not divide the updates
@@ -36,7 +35,7 @@ class MetricFit(NamedTuple):
 
 
 def field_loss(
-    factor: CholeskyFactor, x: jax.Array, slope: jax.Array, velocity: jax.Array, loss: Loss = "smooth_l1"
+    factor: CholeskyFactor, x: jax.Array, slope: jax.Array, velocity: jax.Array, loss: str = "smooth_l1"
 ) -> jax.Array:
     """Mean regression loss between `-M^-1 slope` and `velocity` over points x [N, m] of one subtask."""
     error = natural_gradient_field(jax.vmap(factor)(x), slope) - velocity
@@ -54,7 +53,7 @@ def train_metrics(
     updates: int = 1000,
     learning_rate: float = 0.005,
     weight_decay: float = 3e-5,
-    loss: Loss = "smooth_l1",
+    loss: str = "smooth_l1",
     hidden: tuple[int, ...] = (128, 64),
     activation: str = "relu",
     offset: float = 1e-3,
@@ -72,8 +71,8 @@ def train_metrics(
 
     Rana et al. 2019, section 3.2.
     """
-    if loss not in get_args(Loss):
-        raise UnknownNameError("loss", loss, get_args(Loss))
+    if loss not in LOSSES:
+        raise UnknownNameError("loss", loss, LOSSES)
     if updates < 1:
         raise ConfigurationError(f"updates is {updates!r}, expected at least 1.")
     keys = jax.random.split(jax.random.key(seed), x.shape[0])

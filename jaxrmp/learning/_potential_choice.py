@@ -1,5 +1,6 @@
 """Chooses the potential's kernel width: clean basin first, then the best alignment with all demonstrations."""
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import jax
@@ -43,6 +44,7 @@ def choose_potential(
     basin_starts: int = 2000,
     basin_margin: float = 0.3,
     seed: int = 0,
+    progress: Callable[[float], None] | None = None,
 ) -> PotentialChoice:
     """Fit the potential with each kernel width and keep the best one whose basin is clean.
 
@@ -51,13 +53,16 @@ def choose_potential(
     starts in the demonstrations' box grown by `basin_margin` ends at the goal.
 
     **Arguments**: `positions` [N, T, m], m, goal at the origin; `directions` [N, T, m], unit; `nominal`, the index of
-    the nominal demonstration; `widths`, m; the rest as in `fit_potential` and `check_basin`.
+    the nominal demonstration; `widths`, m; the rest as in `fit_potential` and
+    `check_basin`; `progress`, called with the fraction done.
     **Returns** a `PotentialChoice`.
     **Raises** `ConvexProgramError` if no width could be fitted, `BasinError` if none has a clean basin.
     """
     fits: dict[float, PotentialFit] = {}
     trials: dict[float, WidthTrial] = {}
-    for width in widths:
+    for i, width in enumerate(widths):
+        if progress is not None:
+            progress(i / (len(widths) + 2))  # a check of the basin takes about as long as two fits
         try:
             fits[width] = fit_potential(
                 positions[nominal],

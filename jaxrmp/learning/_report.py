@@ -1,6 +1,5 @@
 """The learning report: what happened while a skill was learned, as plain data."""
 
-import math
 from typing import Any
 
 import numpy as np
@@ -10,12 +9,12 @@ from ._potential_choice import PotentialChoice, WidthTrial
 
 
 def learning_report(learning: Learning) -> dict[str, Any]:
-    """Everything worth knowing of a `Learning`, as dictionaries, lists, numbers and strings, fit for JSON.
+    """Everything worth knowing of a `Learning`, as dictionaries, lists, numbers and strings, fit for JSON
+    but for figures that do not exist, which are NaN.
 
     Per subtask: nominal demonstration, kernel width and all widths tried, solver status and objective, residual slope
     at the end before its correction, Hessian eigenvalues at the goal (1/m), share of samples that no metric can turn
-    (beyond 90 degrees), basin, first and last loss. Lengths in metres, times in seconds. A figure that does not exist
-    is null.
+    (beyond 90 degrees), basin, first and last loss. Lengths in metres, times in seconds.
     """
     prepared = learning.prepared
     spread = np.linalg.norm(prepared.subtasks.ends - prepared.subtasks.ends.mean(0), axis=-1)
@@ -36,14 +35,14 @@ def learning_report(learning: Learning) -> dict[str, Any]:
         {**report._asdict(), "end_spread": [float(v) for v in spread[i]]}
         for i, report in enumerate(prepared.joints.reports)
     ]
-    report = {
+    return {
         "skill": learning.skill.configuration.name,
         "source": learning.skill.source,
+        "frame": prepared.frame,
         "subtasks": subtasks,
         "demonstrations": demonstrations,
         "seconds": learning.seconds,
     }
-    return _without_nan(report)
 
 
 def _potential(choice: PotentialChoice) -> dict[str, Any]:
@@ -68,11 +67,3 @@ def _trial(trial: WidthTrial) -> dict[str, Any]:
             "rest_points": [{"position": list(x), "share": share} for x, share in trial.basin.rest_points],
         }
     return {**trial._asdict(), "basin": basin}
-
-
-def _without_nan(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {k: _without_nan(v) for k, v in value.items()}
-    if isinstance(value, list | tuple):
-        return [_without_nan(v) for v in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value

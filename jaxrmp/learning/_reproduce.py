@@ -11,7 +11,7 @@ from .._errors import RolloutError
 from .._tree import Node
 from ..kinematics import Robot
 from ..simulation import Rollout, rollout
-from ._learn import PreparedDemonstrations, control_points
+from ._learn import PreparedDemonstrations, control_points, in_frame
 from ._measures import reproduction_errors
 from ._skill import Skill
 
@@ -66,7 +66,7 @@ def reproduce(
     offsets = np.asarray(skill.offsets, float)
     points, errors = [], []
     for i, (demonstrated, T) in enumerate(zip(prepared.points, prepared.poses, strict=True)):
-        path = (control_points(robot, skill.frames, offsets, rollouts.q[i]) - T[:3, 3]) @ T[:3, :3]
+        path = in_frame(control_points(robot, skill.frames, offsets, rollouts.q[i]), T)
         points.append(path)
         energy = rollouts.energy[i].astype(float)
         span = np.ptp(energy)

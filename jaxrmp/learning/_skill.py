@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._errors import RobotError, ShapeError
+from .._errors import ConfigurationError, RobotError, ShapeError
 from .._pytree import pytree, static
 from .._task_map import RigidTransform, Selection, TaskMap, Translation, check_rigid, compose
 from .._tree import Batched, Node, pullback
@@ -17,59 +17,65 @@ from ._configuration import Configuration, PolicySettings
 
 @pytree
 class Skill:
-    """What was learned from a demonstration set.
+    """What was learned from a demonstration set; its arrays, all gains among them, are parameters of its tree.
 
-    `learned`, the K subtasks' leaves as one, stacked on the leading axis; `offsets` [K, 3], the control points in their
-    frames, m; `targets` [K, 3], where they go, in the object's frame, m; `T_base_object` [4, 4], the object's pose
-    in the demonstrations; `frames` and `subtasks`, K names each; `configuration`, what it was learned with;
-    `robot_fingerprint`, the kinematics it was learned on; `source`, where the demonstrations came from.
+    `learned`, the K subtasks' leaves as one, stacked on the leading axis; `joint_damping` and `joint_limit` (of the
+    joints in `limited`, None if no joint has limits); `offsets` [K, 3], the control points in their frames, m;
+    `targets` [K, 3], where they go, in the object's frame, m; `T_world_object` [4, 4], the object's pose in the
+    demonstrations, in the world of the robot's model; `frames` and `subtasks`, K names each; `configuration`, what it
+    was learned with; `robot_fingerprint`, the kinematics it was learned on; `source`, where the demonstrations came
+    from.
     """
 
     learned: Learned
+    joint_damping: Damping
+    joint_limit: JointLimit | None
     offsets: jax.Array
     targets: jax.Array
-    T_base_object: jax.Array
+    T_world_object: jax.Array
     frames: tuple[str, ...] = static()
     subtasks: tuple[str, ...] = static()
+    limited: tuple[int, ...] = static()
     configuration: Configuration = static()
     robot_fingerprint: str = static()
     source: str = static(default="unknown")
 
     def task_map(
-        self, robot: Robot, T_base_object: jax.Array | None = None, targets: jax.Array | None = None
+        self, robot: Robot, T_world_object: jax.Array | None = None, targets: jax.Array | None = None
     ) -> TaskMap:
         """From joint positions [n] to the control points [K, 3] in the object's frame, each with its target at zero.
 
-        **Arguments**: `T_base_object` [4, 4], where the object is now, default where it was demonstrated; `targets`
-        [K, 3], in the object's frame, m, default the skill's.
+        **Arguments**: `T_world_object` [4, 4], where the object is now, in the world of the robot's model, default
+        where it was demonstrated; `targets` [K, 3], in the object's frame, m, default the skill's.
         **Raises** `RobotError` if `robot` has other kinematics than the skill was learned on.
 
         Rana et al. 2019, section 4: `psi_k = g_k o f_k`.
         """
         self.check_robot(robot)
         points = ControlPoints(robot, self.frames, self.offsets)
-        pose = self.T_base_object if T_base_object is None else T_base_object
+        pose = self.T_world_object if T_world_object is None else T_world_object
         return compose(points, RigidTransform(pose), Translation(self.targets if targets is None else targets))
 
-    def leaf(self, robot: Robot, T_base_object: jax.Array | None = None, targets: jax.Array | None = None) -> Node:
+    def leaf(self, robot: Robot, T_world_object: jax.Array | None = None, targets: jax.Array | None = None) -> Node:
         """The learned leaves as a node on joint space, to be added to any tree; arguments as in `task_map`."""
-        return pullback(self.task_map(robot, T_base_object, targets), Batched(self.learned))
+        return pullback(self.task_map(robot, T_world_object, targets), Batched(self.learned))
 
-    def tree(self, robot: Robot, T_base_object: jax.Array | None = None, targets: jax.Array | None = None) -> Node:
+    def tree(self, robot: Robot, T_world_object: jax.Array | None = None, targets: jax.Array | None = None) -> Node:
         """The whole policy: learned leaves, joint damping and joint limits; arguments as in `task_map`."""
-        policy = self.configuration.policy
-        damping = Damping(policy.joint_damping_weight, policy.joint_damping_rate, name="joint_damping")
-        tree = self.leaf(robot, T_base_object, targets) + damping
-        limits = joint_limits(robot, policy)
-        return tree if limits is None else tree + limits
+        tree = self.leaf(robot, T_world_object, targets) + self.joint_damping
+        if self.joint_limit is None:
+            return tree
+        every = self.limited == tuple(range(robot.num_joints))
+        return tree + (self.joint_limit if every else pullback(Selection(self.limited), self.joint_limit))
 
     def with_gains(self, speed: float, damping_rate: float) -> "Skill":
         """The same skill at another cruise `speed`, m/s, and `damping_rate`, 1/s: geometry stays, tempo changes."""
-        K = len(self.subtasks)
-        dtype = jnp.asarray(self.learned.speed).dtype
-        learned = replace(self.learned, speed=jnp.full(K, speed, dtype), damping_rate=jnp.full(K, damping_rate, dtype))
-        policy = replace(self.configuration.policy, speed=float(speed), damping_rate=float(damping_rate))
-        return replace(self, learned=learned, configuration=replace(self.configuration, policy=policy))
+        gains = {"speed": speed, "damping_rate": damping_rate}
+        for name, value in gains.items():
+            if not 0 < value < float("inf"):
+                raise ConfigurationError(f"{name} is {value!r}, expected a positive number.")
+        arrays = {name: jnp.full_like(getattr(self.learned, name), value) for name, value in gains.items()}
+        return replace(self, learned=replace(self.learned, **arrays))
 
     def check_robot(self, robot: Robot) -> None:
         """**Raises** `RobotError` if `robot` has other kinematics than the skill was learned on."""
@@ -77,17 +83,20 @@ class Skill:
             raise RobotError(
                 f"skill {self.configuration.name!r} was learned on robot {self.configuration.robot!r} with kinematic "
                 f"fingerprint {self.robot_fingerprint}, but {robot.name!r} has {robot.fingerprint}. Load the robot it "
-                "was learned on, or learn it again on this one."
+                "was learned on (on the command line, --robot FILE), or learn it again on this one."
             )
 
 
-def joint_limits(robot: Robot, policy: PolicySettings) -> Node | None:
-    """Joint-limit leaf for those of the robot's joints that have limits; None if no joint has."""
+def joint_leaves(robot: Robot, policy: PolicySettings) -> tuple[Damping, JointLimit | None, tuple[int, ...]]:
+    """Damping of all joints, limits of those that have them (None if no joint has), and which joints those are."""
+    damping = Damping(
+        jnp.float32(policy.joint_damping_weight), jnp.float32(policy.joint_damping_rate), name="joint_damping"
+    )
     lower, upper = np.asarray(robot.lower), np.asarray(robot.upper)
     limited = np.flatnonzero(np.isfinite(lower) & np.isfinite(upper))
     if limited.size == 0:
-        return None
-    leaf = JointLimit(
+        return damping, None, ()
+    limit = JointLimit(
         lower[limited],
         upper[limited],
         weight=policy.joint_limit_weight,
@@ -95,7 +104,8 @@ def joint_limits(robot: Robot, policy: PolicySettings) -> Node | None:
         barrier=policy.joint_limit_barrier,
         reach=policy.joint_limit_reach,
     )
-    return leaf if limited.size == robot.num_joints else pullback(Selection(tuple(limited)), leaf)
+    limit = jax.tree.map(lambda value: jnp.asarray(value, jnp.float32), limit)
+    return damping, limit, tuple(int(i) for i in limited)
 
 
 def rigid_targets(offsets: np.ndarray, frames: tuple[str, ...], ends: np.ndarray) -> np.ndarray:
@@ -116,17 +126,21 @@ def rigid_targets(offsets: np.ndarray, frames: tuple[str, ...], ends: np.ndarray
     for frame in set(frames):
         rows = [k for k, name in enumerate(frames) if name == frame]
         a, b = offsets[rows], mean[rows]
-        U, _, Vt = np.linalg.svd((a - a.mean(0)).T @ (b - b.mean(0)))
-        flip = np.diag([1.0, 1.0, np.sign(np.linalg.det(U @ Vt))])
-        targets[rows] = (a - a.mean(0)) @ U @ flip @ Vt + b.mean(0)
+        R = _nearest_rotation((b - b.mean(0)).T @ (a - a.mean(0)))
+        targets[rows] = (a - a.mean(0)) @ R.T + b.mean(0)
     return targets
 
 
 def mean_pose(poses: np.ndarray) -> np.ndarray:
     """Mean of rigid transforms [N, 4, 4]: mean position, and the rotation nearest to the mean rotation matrix."""
     poses = check_rigid(poses)
-    U, _, Vt = np.linalg.svd(poses[:, :3, :3].mean(0))
     T = np.eye(4)
-    T[:3, :3] = U @ np.diag([1.0, 1.0, np.sign(np.linalg.det(U @ Vt))]) @ Vt
+    T[:3, :3] = _nearest_rotation(poses[:, :3, :3].mean(0))
     T[:3, 3] = poses[:, :3, 3].mean(0)
     return T
+
+
+def _nearest_rotation(A: np.ndarray) -> np.ndarray:
+    """The rotation matrix nearest to A [3, 3] in least squares."""
+    U, _, Vt = np.linalg.svd(A)
+    return U @ np.diag([1.0, 1.0, np.sign(np.linalg.det(U @ Vt))]) @ Vt

@@ -2,23 +2,28 @@
 
 import json
 import os
-import zipfile
+from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
 from .._errors import JaxrmpError, SkillFileError
-from .._files import atomic_write
+from .._files import atomic_write, read_npz
+from .._task_map import check_rigid
 from .._version import __version__
-from ..leaves import Learned, NominalPotential
-from ._configuration import configuration_from_dict, configuration_to_dict
-from ._metric_network import CholeskyFactor
+from ..leaves import Damping, JointLimit, Learned, NominalPotential
+from ._configuration_file import configuration_from_dict, configuration_to_dict
+from ._metric_network import CholeskyFactor, initial_cholesky_factor
 from ._skill import Skill
 
 FORMAT, VERSION = "jaxrmp skill", 1
 _HEADER = "header.json"
+_DAMPING = ("weight", "damping_rate")
+_LIMIT = ("lower", "upper", "rest", "weight", "sigma", "stiffness", "damping_rate", "barrier", "reach")
 _POTENTIAL = ("points", "biases", "end_slope", "width", "sharpness")
 
 
@@ -31,7 +36,10 @@ def save_skill(skill: Skill, path: str | os.PathLike) -> Path:
     arrays |= {f"metric/{layer}/{name}": a for layer, d in factor.weights.items() for name, a in d.items()}
     arrays |= {"metric/length_scale": factor.length_scale}
     arrays |= {"gains/speed": skill.learned.speed, "gains/damping_rate": skill.learned.damping_rate}
-    arrays |= {name: getattr(skill, name) for name in ("offsets", "targets", "T_base_object")}
+    arrays |= {name: getattr(skill, name) for name in ("offsets", "targets", "T_world_object")}
+    arrays |= {f"joint_damping/{name}": getattr(skill.joint_damping, name) for name in _DAMPING}
+    if skill.joint_limit is not None:
+        arrays |= {f"joint_limit/{name}": getattr(skill.joint_limit, name) for name in _LIMIT}
     arrays = {name: np.asarray(a) for name, a in arrays.items()}
     header = {
         "format": FORMAT,
@@ -39,6 +47,7 @@ def save_skill(skill: Skill, path: str | os.PathLike) -> Path:
         "jaxrmp": __version__,
         "frames": list(skill.frames),
         "subtasks": list(skill.subtasks),
+        "limited": list(skill.limited),
         "robot_fingerprint": skill.robot_fingerprint,
         "source": skill.source,
         "network": {
@@ -64,11 +73,10 @@ def load_skill(path: str | os.PathLike) -> Skill:
     """
     path = Path(path)
     try:
-        with np.load(path, allow_pickle=False) as archive:
-            content = {name: archive[name] for name in archive.files}
+        content = read_npz(path)
     except FileNotFoundError as error:
         raise SkillFileError(f"there is no skill file {str(path)!r}. `jaxrmp learn` writes one.") from error
-    except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile, zipfile.LargeZipFile) as error:
+    except (OSError, ValueError) as error:
         raise SkillFileError(
             f"{str(path)!r} is no skill file, or is damaged: {error}. Learn the skill again."
         ) from error
@@ -90,43 +98,64 @@ def load_skill(path: str | os.PathLike) -> Skill:
 
 
 def _skill_from(header: dict[str, Any], arrays: dict[str, np.ndarray]) -> Skill:
-    known = {
-        "format", "version", "jaxrmp", "frames", "subtasks", "robot_fingerprint", "source", "network", "configuration",
-        "arrays",
-    }  # fmt: skip
-    if unknown := set(header) ^ known:
-        raise SkillFileError(f"header entries missing or unknown: {sorted(unknown)}.")
+    known = {"format", "version", "jaxrmp", "frames", "subtasks", "limited", "robot_fingerprint", "source"}
+    _same("header entries", header, known | {"network", "configuration", "arrays"})
+    _same("network entries", header["network"], {"dimension", "hidden", "activation", "offset"})
+    configuration = configuration_from_dict(header["configuration"])
     found = {name: [str(a.dtype), list(a.shape)] for name, a in arrays.items()}
-    if found != header["arrays"]:
-        told = header["arrays"]
-        differing = {name for name in found.keys() | told.keys() if found.get(name) != told.get(name)}
-        raise SkillFileError(f"arrays missing, unknown or of another shape: {sorted(differing)}.")
+    _same("arrays (by name, type and shape)", found.items(), header["arrays"].items())
     left = {name: jnp.asarray(a) for name, a in arrays.items()}
-    potential = NominalPotential(*(left.pop(f"potential/{name}") for name in _POTENTIAL))
-    length_scale = left.pop("metric/length_scale")
-    learned_names = ("gains/speed", "gains/damping_rate", "offsets", "targets", "T_base_object")
-    speed, damping_rate, offsets, targets, T_base_object = (left.pop(name) for name in learned_names)
-    weights: dict[str, dict[str, Any]] = {}
-    for name in list(left):
-        _, layer, parameter = name.split("/")
-        weights.setdefault(layer, {})[parameter] = left.pop(name)
+    for name, a in arrays.items():
+        if left[name].dtype != a.dtype:
+            raise SkillFileError(
+                f"array {name} is {a.dtype}; load it under jax.enable_x64(True) to keep it bit for bit."
+            )
+        if not np.isfinite(a).all():
+            raise SkillFileError(f"array {name} holds non-finite numbers.")
     network = header["network"]
-    factor = CholeskyFactor(
-        weights,
-        length_scale,
-        int(network["dimension"]),
-        tuple(network["hidden"]),
-        network["activation"],
-        float(network["offset"]),
+    template = initial_cholesky_factor(
+        jax.random.key(0), network["dimension"], tuple(network["hidden"]), network["activation"], network["offset"]
     )
-    return Skill(
-        learned=Learned(potential, factor, speed, damping_rate),
-        offsets=offsets,
-        targets=targets,
-        T_base_object=T_base_object,
+    K = len(header["subtasks"])
+    weights = {
+        layer: {name: _taken(left, f"metric/{layer}/{name}", (K, *jnp.shape(a))) for name, a in parameters.items()}
+        for layer, parameters in template.weights.items()
+    }
+    factor = replace(template, weights=weights, length_scale=_taken(left, "metric/length_scale", (K,)))
+    potential = NominalPotential(*(left.pop(f"potential/{name}") for name in _POTENTIAL))
+    damping = Damping(*(left.pop(f"joint_damping/{name}") for name in _DAMPING), name="joint_damping")
+    limited = tuple(header["limited"])
+    limit = JointLimit(*(left.pop(f"joint_limit/{name}") for name in _LIMIT)) if limited else None
+    skill = Skill(
+        learned=Learned(potential, factor, _taken(left, "gains/speed", (K,)), _taken(left, "gains/damping_rate", (K,))),
+        joint_damping=damping,
+        joint_limit=limit,
+        offsets=_taken(left, "offsets", (K, 3)),
+        targets=_taken(left, "targets", (K, 3)),
+        T_world_object=_taken(left, "T_world_object", (4, 4)),
         frames=tuple(header["frames"]),
         subtasks=tuple(header["subtasks"]),
-        configuration=configuration_from_dict(header["configuration"]),
+        limited=limited,
+        configuration=configuration,
         robot_fingerprint=header["robot_fingerprint"],
         source=header["source"],
     )
+    _same("arrays", left, set())
+    check_rigid(skill.T_world_object, "T_world_object")
+    if len(skill.frames) != K or potential.points.shape[:1] != (K,):
+        raise SkillFileError(f"{len(skill.frames)} frames and {len(potential.points)} potentials for {K} subtasks.")
+    return skill
+
+
+def _taken(arrays: dict[str, Any], name: str, shape: tuple[int, ...]) -> Any:
+    array = arrays.pop(name)
+    if array.shape != shape:
+        raise SkillFileError(f"array {name} has shape {array.shape}, expected {shape}.")
+    return array
+
+
+def _same(what: str, found: Iterable, expected: Iterable) -> None:
+    """Raise if two collections differ, naming what is missing from one or unknown to the other."""
+    found, expected = ([*map(str, items)] for items in (found, expected))
+    if differing := sorted(set(found) ^ set(expected)):
+        raise SkillFileError(f"{what} missing or unknown: {', '.join(differing)}.")

@@ -1,5 +1,6 @@
-"""Leaves: one published policy a file."""
+"""Leaves: one published policy a file; `lula` holds NVIDIA's."""
 
+from . import lula as lula
 from ._attractor import Attractor as Attractor
 from ._collision_avoidance import CollisionAvoidance as CollisionAvoidance
 from ._damping import Damping as Damping

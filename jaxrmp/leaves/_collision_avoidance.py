@@ -53,6 +53,10 @@ class CollisionAvoidance(SeparableGDS):
             raise UnknownNameError("form of collision avoidance", self.form, get_args(Form))
         require(self, positive=("reach", "sigma", "floor"), non_negative=("epsilon", "barrier", "damping_rate"))
 
+    def gap(self, x: jax.Array) -> jax.Array:
+        """The smallest distance, for the inspector."""
+        return jnp.min(x)
+
     def metric(self, x, xd):
         w, _ = self._weight_and_slope(x)
         v = jnp.minimum(xd, 0)

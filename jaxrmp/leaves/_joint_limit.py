@@ -5,9 +5,11 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
-from .._errors import RobotError
+from .._errors import ConfigurationError, RobotError, ShapeError
 from .._gds import SeparableGDS
 from .._pytree import pytree, set_field, static
+
+_LEAST = 0.01  # of d, so that the metric stays finite at a limit and constant beyond it
 
 
 @pytree
@@ -17,7 +19,8 @@ class JointLimit(SeparableGDS):
     Per joint, with `s = (q - lower) / (upper - lower)`, `d = 4 s (1 - s)`, `a_u = 1 - exp(-max(qd, 0)^2 / (2 sigma^2))`
     and `a_l` likewise with `min(qd, 0)`:
     `b = s (a_u d + 1 - a_u) + (1 - s) (a_l d + 1 - a_l)`, `G = weight b^-2`. At rest or moving away, b is about 1 and
-    the leaf is hardly felt; towards a limit b falls with d. The curvature terms are exact, and `B = damping_rate G`.
+    the leaf is hardly felt; towards a limit b falls with d, which is held at or above 0.01: the
+    metric has no pole, at a limit or beyond. The curvature terms are exact, and `B = damping_rate G`.
     The potential is the posture spring `1/2 weight stiffness |q - rest|^2`, the published force at zero velocity (at
     other velocities that has no potential), plus a barrier. The metric alone slows a joint down but lets a steady pull
     creep over its limit; the barrier `1/2 barrier (max(reach - x, 0) / x)^2`, x the distance to a limit, stops
@@ -29,7 +32,8 @@ class JointLimit(SeparableGDS):
     the metric far from limits; `sigma`, the speed at which the metric takes effect, rad/s or m/s; `stiffness`, 1/s^2;
     `damping_rate`, 1/s; `barrier`, energy; `reach`, rad or m, where the barrier begins. All but the ranges may be
     numbers or [n].
-    **Raises** `RobotError` if a range is empty or not finite.
+    **Raises** `RobotError` if a range is empty or not finite, `ShapeError` if the ranges are not vectors alike,
+    `ConfigurationError` for a negative gain.
 
     RMPflow (Cheng et al. 2018), appendix on experiments; the barrier is the potential of its collision leaf there.
     """
@@ -46,21 +50,34 @@ class JointLimit(SeparableGDS):
     name: str = static(default="joint_limit")
 
     def __post_init__(self):
-        if not any(isinstance(a, Tracer) for a in (self.lower, self.upper)):
-            lower, upper = np.asarray(self.lower), np.asarray(self.upper)
-            bad = np.flatnonzero(~(np.isfinite(lower) & np.isfinite(upper) & (lower < upper)))
-            if bad.size:
-                raise RobotError(
-                    f"joint ranges must be finite with lower < upper; joints {bad.tolist()} have lower "
-                    f"{lower[bad].tolist()} and upper {upper[bad].tolist()}. Select "
-                    "the joints that have limits with pullback(Selection(...), JointLimit(...))."
-                )
+        if not any(isinstance(value, Tracer) for value in vars(self).values()):
+            self._check()
         if self.rest is None:
             set_field(self, "rest", (self.lower + self.upper) / 2)
 
+    def _check(self):
+        lower, upper = np.asarray(self.lower), np.asarray(self.upper)
+        if lower.ndim != 1 or lower.shape != upper.shape:
+            raise ShapeError(f"lower and upper must both be [n], received shapes {lower.shape} and {upper.shape}.")
+        set_field(self, "lower", self.lower if isinstance(self.lower, jax.Array) else lower)
+        set_field(self, "upper", self.upper if isinstance(self.upper, jax.Array) else upper)
+        bad = np.flatnonzero(~(np.isfinite(lower) & np.isfinite(upper) & (lower < upper)))
+        if bad.size:
+            raise RobotError(
+                f"joint ranges must be finite with lower < upper; joints {bad.tolist()} have lower "
+                f"{lower[bad].tolist()} and upper {upper[bad].tolist()}. Select the joints that have limits with "
+                "pullback(Selection(...), JointLimit(...))."
+            )
+        for name in ("weight", "sigma", "reach"):
+            if not np.all(np.asarray(getattr(self, name)) > 0):
+                raise ConfigurationError(f"{name} is {getattr(self, name)!r}, expected a positive number.")
+        for name in ("stiffness", "damping_rate", "barrier"):
+            if not np.all(np.asarray(getattr(self, name)) >= 0):
+                raise ConfigurationError(f"{name} is {getattr(self, name)!r}, expected a number that is not negative.")
+
     def metric(self, x, xd):
-        s = (x - self.lower) / (self.upper - self.lower)
-        d = 4 * s * (1 - s)
+        s = jnp.clip((x - self.lower) / (self.upper - self.lower), 0, 1)
+        d = jnp.maximum(4 * s * (1 - s), _LEAST)
         towards_upper = 1 - jnp.exp(-(jnp.maximum(xd, 0) ** 2) / (2 * self.sigma**2))
         towards_lower = 1 - jnp.exp(-(jnp.minimum(xd, 0) ** 2) / (2 * self.sigma**2))
         b = s * (towards_upper * d + 1 - towards_upper) + (1 - s) * (towards_lower * d + 1 - towards_lower)

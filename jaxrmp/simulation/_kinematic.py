@@ -6,6 +6,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
+from .._errors import ConfigurationError, ShapeError
 from .._forms import Method
 from .._tree import Node, acceleration
 
@@ -36,10 +37,19 @@ def rollout(
 
     **Arguments**: `tree`, a node on joint space; `q` [n], rad or m; `qd` [n], per second, default rest; `duration` and
     `dt`, seconds; `substeps`, policy evaluations per recorded step of `dt`.
+    **Raises** `ConfigurationError` for times that make no sense, `ShapeError` for shapes that do not fit.
     **Returns** a `Rollout` with `T = round(duration / dt) + 1`. One compiled loop under `jax.jit`; `vmap` over starts.
     Gradients with respect to the tree's parameters go through it; they keep the states, not what made them.
     """
-    qd = jnp.zeros_like(q) if qd is None else qd
+    if not (0 < dt <= duration < float("inf")) or substeps < 1:
+        raise ConfigurationError(
+            f"dt is {dt!r}, duration {duration!r} and substeps {substeps!r}: expected 0 < dt <= duration and "
+            "substeps >= 1."
+        )
+    q = jnp.asarray(q, jnp.result_type(q, float))
+    qd = jnp.zeros_like(q) if qd is None else jnp.asarray(qd, q.dtype)
+    if q.shape != qd.shape or q.ndim != 1:
+        raise ShapeError(f"q has shape {q.shape} and qd {qd.shape}, expected [n] for both. For many starts, vmap.")
     h = dt / substeps
 
     # For gradients, a step is computed again rather than kept: a fortieth of the memory, and faster (on a CPU).

@@ -33,7 +33,7 @@ def learned(demos, tmp_path_factory) -> Path:
     return out
 
 
-def test_learn_writes_skill_report_pictures_and_what_made_them(learned):
+def test_learn_writes_skill_report_pictures_and_what_made_them(learned, demos):
     assert {p.name for p in learned.iterdir()} == {
         "drawer_closing.skill.npz",
         "learning_report.json",
@@ -42,7 +42,7 @@ def test_learn_writes_skill_report_pictures_and_what_made_them(learned):
     }
     made_by = json.loads((learned / "made_by.json").read_text())
     assert made_by["configuration"]["metric"]["updates"] == 100
-    assert made_by["demonstrations"] == "synthetic"
+    assert made_by["demonstrations"] == str(Path(demos).resolve())
     report = json.loads((learned / "learning_report.json").read_text())
     assert len(report["demonstrations"]) == 6
     assert report["reproduction"]["mean"]["goal_cm"] < 0.5
@@ -58,6 +58,8 @@ def test_reproduce_prints_and_writes_the_same_errors(learned, demos, tmp_path, c
     assert set(result["mean"]) == keys - {"demo"}
     assert result["mean"]["dtw_cm"] == pytest.approx(np.mean([e["dtw_cm"] for e in result["per_demo"]]))
     table = capsys.readouterr().out.splitlines()
+    assert f"measured on {Path(demos).resolve()}" in table
+    assert result["learned_from"] == result["measured_on"] == str(Path(demos).resolve())
     assert table[-1].split()[:2] == ["mean", f"{result['mean']['dtw_cm']:.2f}"]
     with np.load(rollouts) as saved:
         assert saved["q_5"].shape == saved["qd_5"].shape == (4001, 7)
@@ -68,7 +70,42 @@ def test_reproduce_prints_and_writes_the_same_errors(learned, demos, tmp_path, c
 def test_a_synthetic_source_can_be_named(learned, capsys):
     skill = str(learned / "drawer_closing.skill.npz")
     assert main(["reproduce", skill, "--demos", "synthetic:drawer_closing", "--duration", "1"]) == 0
-    assert "mean" in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert "measured on synthetic:drawer_closing" in printed
+    assert "note: learned from" in printed
+
+
+def test_a_skill_is_measured_on_what_it_was_learned_from_unless_told_otherwise(learned, demos, capsys):
+    skill = str(learned / "drawer_closing.skill.npz")
+    assert main(["reproduce", skill, "--duration", "1"]) == 0
+    printed = capsys.readouterr().out
+    assert f"measured on {Path(demos).resolve()}" in printed
+    assert "note:" not in printed
+
+
+def test_a_data_folder_without_the_recordings_is_an_error(monkeypatch, capsys, tmp_path):
+    monkeypatch.setenv("JAXRMP_DATA", str(tmp_path / "nowhere"))
+    assert main(["learn", CONFIG]) == 1
+    assert "JAXRMP_DATA is set, but there is no folder" in capsys.readouterr().err
+
+
+def test_an_output_folder_that_cannot_be_is_said_before_learning(demos, capsys, tmp_path):
+    (tmp_path / "file").write_text("")
+    assert main(["learn", CONFIG, "--demos", demos, "--out", str(tmp_path / "file")]) == 1
+    printed = capsys.readouterr().err
+    assert "cannot write or read" in printed
+    assert "potentials" not in printed
+
+
+def test_help_and_version_need_no_optional_package():
+    code = (
+        "import sys; sys.modules.update(dict.fromkeys(['flax', 'optax', 'cvxpy', 'mujoco', 'matplotlib', 'scipy']))\n"
+    )
+    code += "from jaxrmp.cli import main\nassert main(['learn', 'x.toml']) == 1\nmain(['--version'])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0
+    assert done.stdout.startswith("jaxrmp ")
+    assert "is needed for this and is not installed: pip install 'jaxrmp[learning]'" in done.stderr
 
 
 @pytest.mark.parametrize(

@@ -24,6 +24,7 @@ OPTIONAL = [
     "tqdm",
     "mediapy",
     "imageio",
+    "yaml",
 ]
 
 # Which third-party packages a module may import as it is imported; all others only inside functions.
@@ -37,10 +38,13 @@ LAYERS = {
     "core": {"leaves", "kinematics"},  # for re-export by jaxrmp/__init__.py, checked below
     "leaves": set(),
     "kinematics": set(),
+    "world": {"kinematics"},
+    "inspection": set(),
+    "io": {"kinematics", "leaves", "world"},
     "simulation": {"kinematics", "leaves"},
     "learning": {"leaves", "kinematics", "simulation"},
     "synthetic": {"kinematics", "learning"},
-    "visualization": {"leaves", "kinematics", "learning", "simulation"},
+    "visualization": {"inspection", "leaves", "kinematics", "learning", "simulation"},
     "cli": {"leaves", "kinematics", "learning", "simulation", "synthetic", "visualization"},
 }
 

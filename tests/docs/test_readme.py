@@ -1,12 +1,14 @@
 """README and CONTRIBUTING put to the test: their code runs, their commands parse, their links lead somewhere."""
 
+import dataclasses
 import re
 import shlex
 from pathlib import Path
 
 import pytest
 
-from jaxrmp.cli import build_parser
+from jaxrmp.cli import build_parser, main
+from jaxrmp.learning import Configuration
 
 ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -34,6 +36,36 @@ def run_blocks(text: str, name: str) -> dict:
     for number, block in enumerate(code_blocks(text, "python")):
         exec(compile(block, f"{name}, block {number}", "exec"), namespace)
     return namespace
+
+
+def test_readme_commands_run(monkeypatch, tmp_path, capsys):
+    """Each `jaxrmp` line of the section Commands, in order, in an empty folder, with less work than it would do."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("JAXRMP_DATA", raising=False)
+    (tmp_path / "configs").symlink_to(ROOT / "configs")
+    section = README.split("## Commands")[1].split("## ")[0]
+    lines = [line for block in code_blocks(section, "sh") for line in block.splitlines()]
+    assert len(lines) >= 4
+    for line in lines:
+        arguments = shlex.split(line)[1:]
+        if arguments[0] == "learn":
+            arguments += ["--metric.updates", "100", "--potential.widths", "[0.05]", "--potential.basin_starts", "100"]
+        assert main(arguments) == 0, f"{line}: {capsys.readouterr().err}"
+    assert (tmp_path / "out" / "errors.json").is_file()
+    assert (tmp_path / "out" / "rollouts.npz").is_file()
+
+
+def test_every_configuration_key_is_documented():
+    text = (ROOT / "docs" / "configuration.md").read_text(encoding="utf-8")
+    sections = dict(
+        zip(("", *re.findall(r"^## `\[(\w+)\]`", text, re.M)), re.split(r"^## ", text, flags=re.M), strict=True)
+    )
+    for f in dataclasses.fields(Configuration):
+        if dataclasses.is_dataclass(f.default):
+            for inner in dataclasses.fields(f.default):
+                assert f"`{inner.name}`" in sections[f.name], f"{f.name}.{inner.name}"
+        else:
+            assert f"`{f.name}`" in sections[""] or f"`[[{f.name}]]`" in sections[""], f.name
 
 
 def test_readme_code_runs(monkeypatch, capsys):

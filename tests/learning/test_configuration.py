@@ -26,7 +26,8 @@ def test_overrides_reach_sections_and_named_subtasks():
         "seed": 3,
         "subtasks.gripper.frame": "panda_hand",
         "potential.widths": [0.05],
-        "fixed_joints.panda_finger_joint1": 0,
+        "robot": "arm.urdf",
+        "fixed_joints.gripper": 0,
         "policy.speed": 1,
     }
     configuration = load_configuration(CONFIGS / "drawer_closing.toml", overrides)
@@ -35,7 +36,7 @@ def test_overrides_reach_sections_and_named_subtasks():
     assert configuration.subtasks[0].frame == "panda_hand"
     assert configuration.subtasks[1].frame == "panda_link7"
     assert configuration.potential.widths == (0.05,)
-    assert dict(configuration.fixed_joints) == {"panda_finger_joint1": 0.0}
+    assert configuration.fixed_joints == {"gripper": 0.0}
     assert configuration.policy.speed == 1.0
 
 
@@ -47,7 +48,16 @@ def test_overrides_reach_sections_and_named_subtasks():
         ("subtasks.griper.frame", "x", UnknownNameError, "unknown subtask 'griper'. Did you mean 'gripper'"),
         ("metric.updates", "many", ConfigurationError, "metric.updates is 'many' .str., expected int"),
         ("metric.updates", True, ConfigurationError, "metric.updates is True"),
-        ("metric.updates", 0, ConfigurationError, "must be positive"),
+        ("metric.updates", 0, ConfigurationError, "metric.updates is 0, expected a positive number"),
+        ("metric.hidden", [0], ConfigurationError, "metric.hidden is .0,., expected a positive number"),
+        ("metric.spread", -1.0, ConfigurationError, "metric.spread is -1.0, expected a number that is not negative"),
+        ("metric.activation", "gelu", UnknownNameError, "unknown activation 'gelu'"),
+        ("metric.loss", "l1", UnknownNameError, "unknown loss 'l1'. Did you mean 'l2'|'smooth_l1'"),
+        ("potential.basin_starts", 0, ConfigurationError, "potential.basin_starts is 0"),
+        ("potential.widths", [], ConfigurationError, "potential.widths is .., expected a positive number"),
+        ("seed", -1, ConfigurationError, "seed is -1"),
+        ("name", "../x", ConfigurationError, "name is '../x', expected letters"),
+        ("fixed_joints.a", 0.0, ConfigurationError, "the built-in Panda has none to fix"),
         ("policy.speed", -1.0, ConfigurationError, "policy.speed is -1.0, expected a positive number"),
         ("policy", 3, ConfigurationError, "policy is 3, expected a section"),
         ("seed.more", 3, ConfigurationError, "'seed' is no section"),
@@ -70,3 +80,10 @@ def test_a_missing_or_broken_file_is_named(tmp_path):
     broken.write_text("name = ")
     with pytest.raises(ConfigurationError, match="no valid TOML"):
         load_configuration(broken)
+
+
+def test_a_robot_file_is_found_from_the_configurations_folder(tmp_path):
+    text = (CONFIGS / "drawer_closing.toml").read_text().replace('robot = "panda"', 'robot = "robots/arm.urdf"')
+    (tmp_path / "arm.toml").write_text(text)
+    assert load_configuration(tmp_path / "arm.toml").robot == str(tmp_path / "robots" / "arm.urdf")
+    assert load_configuration(tmp_path / "arm.toml", {"robot": "here.urdf"}).robot == "here.urdf"

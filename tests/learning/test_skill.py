@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import jaxrmp
-from jaxrmp import RobotError, SkillFileError, acceleration
+from jaxrmp import ConfigurationError, RobotError, SkillFileError, acceleration
 from jaxrmp.kinematics import load_robot_from_string, panda
 from jaxrmp.learning import (
     Configuration,
@@ -21,7 +21,7 @@ from jaxrmp.learning import (
     save_skill,
 )
 from jaxrmp.learning._skill import mean_pose, rigid_targets
-from jaxrmp.leaves import Learned, NominalPotential
+from jaxrmp.leaves import Damping, JointLimit, Learned, NominalPotential
 
 OFFSETS = np.array([[0.0, 0.0, 0.207], [0.0286, 0.0286, 0.2104], [-0.0286, -0.0286, 0.2104]])
 FRAMES = ("panda_link7",) * 3
@@ -36,10 +36,13 @@ def skill() -> Skill:
     stacked = jax.tree.map(lambda a: jnp.stack([a, a, a]), potential)
     factors = jax.vmap(lambda key: initial_cholesky_factor(key, hidden=(16, 8), length_scale=0.1))(keys)
     return Skill(
+        joint_damping=Damping(jnp.float32(2e-3), jnp.float32(10.0), name="joint_damping"),
+        joint_limit=jax.tree.map(jnp.float32, JointLimit(panda().lower, panda().upper)),
+        limited=tuple(range(7)),
         learned=Learned(stacked, factors, jnp.full(3, 0.2), jnp.full(3, 40.0)),
         offsets=jnp.asarray(OFFSETS, jnp.float32),
         targets=jnp.asarray(OFFSETS - OFFSETS[0], jnp.float32),
-        T_base_object=jnp.eye(4).at[:3, 3].set(jnp.array([0.5, 0.1, 0.4])),
+        T_world_object=jnp.eye(4).at[:3, 3].set(jnp.array([0.5, 0.1, 0.4])),
         frames=FRAMES,
         subtasks=("gripper", "left", "right"),
         configuration=Configuration("reach", tuple(Subtask(n, "panda_link7") for n in ("gripper", "left", "right"))),
@@ -76,9 +79,9 @@ def test_moving_the_object_moves_the_policy_and_does_not_retrace(skill):
         traces.append(1)
         return acceleration(tree, q, qd)
 
-    robot, moved = panda(), np.array(skill.T_base_object)
+    robot, moved = panda(), np.array(skill.T_world_object)
     moved[1, 3] += 0.2
-    here, there = (act(skill.tree(robot, T), Q, 0 * Q) for T in (skill.T_base_object, moved))
+    here, there = (act(skill.tree(robot, T), Q, 0 * Q) for T in (skill.T_world_object, moved))
     assert len(traces) == 1
     assert np.abs(here - there).max() > 0.1
 
@@ -86,7 +89,8 @@ def test_moving_the_object_moves_the_policy_and_does_not_retrace(skill):
 def test_gains_change_the_tempo_and_not_the_path(skill):
     fast = skill.with_gains(0.4, 80.0)
     np.testing.assert_array_equal(fast.learned.speed, np.full(3, 0.4, np.float32))
-    assert fast.configuration.policy.damping_rate == 80.0
+    with pytest.raises(ConfigurationError, match="speed is -1, expected a positive number"):
+        skill.with_gains(-1, 80.0)
     x = jnp.full((3, 3), 0.1)
     fields = [jax.vmap(lambda leaf, x: leaf.field(x))(s.learned, x) for s in (skill, fast)]
     np.testing.assert_array_equal(*fields)
@@ -98,7 +102,10 @@ def test_the_tree_is_certified_and_names_its_leaves(skill):
     assert [leaf.name for leaf in tree.leaves()] == ["learned", "joint_damping", "joint_limit"]
 
 
-@pytest.mark.parametrize("damage", ["missing", "truncated", "flipped", "text", "npz", "version", "extra", "lacking"])
+@pytest.mark.parametrize(
+    "damage",
+    ["missing", "truncated", "flipped", "text", "npz", "version", "extra", "lacking", "gelu", "nan", "float64"],
+)
 def test_files_that_are_no_whole_skill_of_this_version_are_refused(skill, tmp_path, damage):
     path = save_skill(skill, tmp_path / "reach.skill.npz")
     expected = "is no skill file, or is damaged"
@@ -126,9 +133,19 @@ def test_files_that_are_no_whole_skill_of_this_version_are_refused(skill, tmp_pa
         elif damage == "extra":
             header["mystery"] = 1
             expected = "missing or unknown: .*mystery"
-        else:
+        elif damage == "lacking":
             del arrays["targets"]
-            expected = "arrays missing, unknown or of another shape: .*targets"
+            expected = "arrays .* missing or unknown: .*targets"
+        elif damage == "gelu":
+            header["network"]["activation"] = "gelu"
+            expected = "unknown activation 'gelu'"
+        elif damage == "nan":
+            arrays["targets"] = np.full_like(arrays["targets"], np.nan)
+            expected = "array targets holds non-finite numbers"
+        else:
+            arrays["targets"] = arrays["targets"].astype(float)
+            header["arrays"]["targets"][0] = "float64"
+            expected = "array targets is float64; load it under jax.enable_x64"
         arrays["header.json"] = np.frombuffer(json.dumps(header).encode(), np.uint8)
         with path.open("wb") as file:
             np.savez(file, **arrays)
@@ -172,3 +189,39 @@ def test_the_mean_pose_of_opposite_turns_is_no_turn():
         return T
 
     np.testing.assert_allclose(mean_pose(np.stack([about_z(0.3), about_z(-0.3)])), np.eye(4), atol=1e-12)
+
+
+def test_gains_are_parameters_of_the_tree(skill):
+    """No gain is hidden in the structure: changing any of them does not retrace, and gradients reach it."""
+    traces = []
+
+    @jax.jit
+    def speed_of(skill, q):
+        traces.append(1)
+        return jnp.sum(acceleration(skill.tree(panda()), q, jnp.full(7, 0.1, jnp.float32)) ** 2)
+
+    for factor in (1.0, 2.0):
+        changed = replace(
+            skill.with_gains(0.2 * factor, 40.0), joint_damping=replace(skill.joint_damping, weight=jnp.float32(factor))
+        )
+        slopes = jax.grad(speed_of)(changed, Q)
+        speed_of(changed, Q)
+    assert len(traces) == 1
+    for slope in (slopes.learned.speed, slopes.joint_damping.damping_rate, slopes.joint_limit.weight):
+        assert np.isfinite(slope).all()
+        assert np.abs(slope).max() > 0
+
+
+def test_a_skill_runs_where_the_robot_is_an_argument(skill):
+    qdd = jax.jit(lambda robot, q: acceleration(skill.tree(robot), q, 0 * q))(panda(), Q)
+    np.testing.assert_allclose(qdd, acceleration(skill.tree(panda()), Q, 0 * Q), rtol=1e-3, atol=1e-3)
+
+
+def test_the_learned_policy_does_not_deadlock_in_large_batches(skill):
+    """Batched LAPACK in jaxlib can hang a program of several factorisations; ours are written out."""
+    act = jax.jit(jax.vmap(acceleration, in_axes=(None, 0, 0)))
+    tree, q = skill.tree(panda()), Q + 0.1 * jax.random.normal(jax.random.key(0), (1024, 7))
+    assert "lapack" not in act.lower(tree, q, 0 * q).as_text().lower()
+    for _ in range(100):
+        qdd = act(tree, q, 0 * q).block_until_ready()
+    assert np.isfinite(qdd).all()

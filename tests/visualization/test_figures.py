@@ -24,7 +24,7 @@ from jaxrmp.learning import (
 )
 from jaxrmp.learning._metric_training import MetricFit
 from jaxrmp.learning._potential_choice import WidthTrial
-from jaxrmp.leaves import Learned, NominalPotential
+from jaxrmp.leaves import Damping, Learned, NominalPotential
 from jaxrmp.simulation import Rollout
 from jaxrmp.visualization import (
     demonstration_plane,
@@ -57,7 +57,8 @@ def control_points(K=2, N=3, T=40):
 
 def prepared(K=2):
     points = control_points(K)
-    return PreparedDemonstrations(None, np.tile(np.eye(4), (3, 1, 1)), points, subtask_trajectories(points, samples=40))
+    subtasks = subtask_trajectories(points, samples=40)
+    return PreparedDemonstrations(None, np.tile(np.eye(4), (3, 1, 1)), points, subtasks, "test frame")
 
 
 def reproduction(demonstrations, rise=3e-7):
@@ -94,9 +95,12 @@ def learning():
     losses = np.geomspace(0.08, 0.005, 20)[:, None] * [1.0, 2.0]
     skill = Skill(
         learned=Learned(potentials, factors, jnp.full(2, 0.2), jnp.full(2, 40.0)),
+        joint_damping=Damping(),
+        joint_limit=None,
+        limited=(),
         offsets=jnp.zeros((2, 3)),
         targets=jnp.zeros((2, 3)),
-        T_base_object=jnp.eye(4),
+        T_world_object=jnp.eye(4),
         frames=("hand", "hand"),
         subtasks=NAMES,
         configuration=Configuration("test_skill", tuple(Subtask(name, "hand") for name in NAMES)),

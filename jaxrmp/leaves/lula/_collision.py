@@ -55,6 +55,10 @@ class Collision(Leaf):
             non_negative=("damping_gain", "repulsion_gain", "metric_scalar"),
         )
 
+    def gap(self, x: jax.Array) -> jax.Array:
+        """The smallest distance, for the inspector."""
+        return jnp.min(x)
+
     def __call__(self, x, xd):
         d = jnp.maximum(x, 0)
         gate = closed_gate(xd / self.damping_velocity_gate_length_scale)

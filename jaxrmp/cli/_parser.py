@@ -1,0 +1,75 @@
+"""The arguments of every command. Imports no more than it needs to parse them, so that help comes at once."""
+
+import argparse
+from pathlib import Path
+
+from .. import __version__
+
+EXIT_CODES = "exit codes: 0 done, 1 an error that the message explains, 2 wrong usage, 130 interrupted"
+DEMOS = "a folder of demonstrations, or synthetic:TASK; default "
+
+
+def build_parser() -> argparse.ArgumentParser:
+    """The parser of `jaxrmp`; `command` is the name of the module in this package whose `run` does the work."""
+    parser = argparse.ArgumentParser(
+        prog="jaxrmp", description="Stable reactive robot motion policies from demonstrations.", epilog=EXIT_CODES
+    )
+    parser.add_argument("--version", action="version", version=f"jaxrmp {__version__}")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    _add_learn(commands)
+    _add_reproduce(commands)
+    _add_demonstrate(commands)
+    return parser
+
+
+def _add_learn(commands) -> None:
+    parser = commands.add_parser(
+        "learn",
+        help="learn a skill from demonstrations",
+        usage="jaxrmp learn CONFIG [--demos DIR] [--out DIR] [--KEY VALUE ...]",
+        description="Learn a skill; write it with its report and pictures. Every key of the configuration can be given "
+        "after CONFIG as --KEY VALUE, sections with dots.",
+        epilog="example: jaxrmp learn configs/drawer_closing.toml --out out/drawer --metric.updates 500",
+    )
+    parser.add_argument("config", metavar="CONFIG", help="TOML configuration, such as configs/drawer_closing.toml")
+    parser.add_argument("--demos", metavar="DIR", help=DEMOS + "$JAXRMP_DATA/franka/NAME if set, else synthetic")
+    parser.add_argument("--out", metavar="DIR", type=Path, help="output folder, default out/NAME")
+    parser.set_defaults(takes_overrides=True)
+
+
+def _add_reproduce(commands) -> None:
+    parser = commands.add_parser(
+        "reproduce",
+        help="roll a skill out from each demonstration's start and measure it",
+        description="Kinematic rollouts of the whole policy from each demonstration's first configuration, compared "
+        "with that demonstration: DTW, discrete Frechet and final distance of control points in the object's frame.",
+        epilog="example: jaxrmp reproduce out/drawer_closing/drawer_closing.skill.npz --json errors.json",
+    )
+    parser.add_argument("skill", metavar="SKILL", help="skill file written by jaxrmp learn")
+    parser.add_argument("--demos", metavar="DIR", help=DEMOS + "those it was learned from")
+    parser.add_argument("--robot", metavar="FILE", help="robot file, if it is no longer where the skill was learned")
+    parser.add_argument("--json", metavar="FILE", type=Path, help="write the errors as JSON")
+    parser.add_argument("--save", metavar="FILE", type=Path, help="write the rollouts as NPZ: time_K, q_K, qd_K")
+    parser.add_argument("--figures", metavar="DIR", type=Path, help="draw the reproductions")
+    parser.add_argument(
+        "--targets",
+        choices=("own", "skill"),
+        default="own",
+        help="where the subtasks end: where each demonstration ended (default), or the skill's mean",
+    )
+    parser.add_argument("--duration", metavar="S", type=float, default=20.0, help="seconds of rollout, default 20")
+    parser.add_argument("--dt", metavar="S", type=float, default=0.005, help="seconds a step, default 0.005")
+
+
+def _add_demonstrate(commands) -> None:
+    parser = commands.add_parser(
+        "demonstrate",
+        help="write synthetic demonstrations to a folder",
+        description="Write demonstrations of the scripted demonstrator, in the layout that jaxrmp learn --demos reads.",
+        epilog="example: jaxrmp demonstrate drawer_closing out/demonstrations",
+    )
+    parser.add_argument("task", metavar="TASK", help="drawer_closing or door_reaching")
+    parser.add_argument("out", metavar="OUT", type=Path, help="folder to write to")
+    parser.add_argument("--count", metavar="N", type=int, default=6, help="how many demonstrations, default 6")
+    parser.add_argument("--seed", metavar="S", type=int, default=0, help="random seed, default 0")
+    parser.add_argument("--overwrite", action="store_true", help="replace demonstrations that are there")

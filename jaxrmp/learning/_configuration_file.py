@@ -1,0 +1,112 @@
+"""Configurations as TOML files and as plain data: read with every mistake named, and written back."""
+
+import dataclasses
+import tomllib
+import typing
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from .._errors import ConfigurationError, UnknownNameError
+from ._configuration import Configuration
+
+
+def load_configuration(path: str | Path, overrides: Mapping[str, Any] | None = None) -> Configuration:
+    """Read a TOML configuration. A robot file in it is found from the configuration's folder. `overrides` are values by
+    dotted key, such as
+    `{"metric.updates": 500, "subtasks.gripper.frame": "panda_hand"}`.
+
+    **Raises** `ConfigurationError` if the file is missing or unreadable, or a value has the wrong type;
+    `UnknownNameError` for a key that is not known.
+    """
+    try:
+        content = tomllib.loads(Path(path).read_text())
+    except OSError as error:
+        raise ConfigurationError(f"cannot read configuration {str(path)!r}: {error.strerror}.") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ConfigurationError(f"configuration {str(path)!r} is no valid TOML: {error}.") from error
+    robot = content.get("robot")
+    if isinstance(robot, str) and robot != "panda":
+        content["robot"] = str((Path(path).parent / robot).resolve())
+    for key, value in (overrides or {}).items():
+        *sections, last = key.split(".")
+        table: Any = content
+        for section in sections:
+            table = _section(table, section, key)
+        table[last] = value
+    return configuration_from_dict(content)
+
+
+def _section(table: dict[str, Any], section: str, key: str) -> dict[str, Any]:
+    """The section of a table, made if need be; of a list of named tables, as `subtasks` is, a dict of them by name."""
+    inner = table.setdefault(section, {})
+    if isinstance(inner, list) and all(isinstance(entry, dict) for entry in inner):
+        return _Named(inner)
+    if not isinstance(inner, dict):
+        raise ConfigurationError(f"{key!r} does not name a value: {section!r} is no section.")
+    return inner
+
+
+class _Named(dict):
+    """A list of tables seen by their names."""
+
+    def __init__(self, tables: list[dict[str, Any]]):
+        super().__init__({str(table.get("name")): table for table in tables})
+
+    def setdefault(self, key, default=None):
+        if key not in self:
+            raise UnknownNameError("subtask", key, self)
+        return self[key]
+
+
+def configuration_from_dict(content: Mapping[str, Any]) -> Configuration:
+    """A `Configuration` from plain dictionaries, as in TOML or in a skill file. Raises as `load_configuration`."""
+    return _build(Configuration, dict(content), "")
+
+
+def _build(kind: Any, value: Any, where: str) -> Any:
+    """Turn plain data into the annotated type `kind`, or say what does not fit."""
+    origin, arguments = typing.get_origin(kind), typing.get_args(kind)
+    if dataclasses.is_dataclass(kind):
+        if not isinstance(value, Mapping):
+            raise ConfigurationError(f"{where} is {value!r}, expected a section of keys.")
+        types_of = typing.get_type_hints(kind)
+        known = [f.name for f in dataclasses.fields(kind)]
+        for key in value:
+            if key not in known:
+                raise UnknownNameError(f"configuration key in {where or 'the configuration'}", key, known)
+        for f in dataclasses.fields(kind):
+            required = f.default is dataclasses.MISSING and f.default_factory is dataclasses.MISSING
+            if required and f.name not in value:
+                raise ConfigurationError(f"{where + '.' if where else ''}{f.name} is missing.")
+        prefix = f"{where}." if where else ""
+        return kind(**{key: _build(types_of[key], v, prefix + key) for key, v in value.items()})  # type: ignore[operator]
+    if origin is tuple and isinstance(value, list | tuple):
+        if arguments[-1] is not Ellipsis and len(value) != len(arguments):
+            raise ConfigurationError(f"{where} is {value!r}, expected {len(arguments)} entries.")
+        kinds = [arguments[0]] * len(value) if arguments[-1] is Ellipsis else arguments
+        return tuple(_build(k, v, f"{where}[{i}]") for i, (k, v) in enumerate(zip(kinds, value, strict=True)))
+    if origin in (Mapping, dict) or kind is Mapping or getattr(origin, "__name__", "") == "Mapping":
+        if isinstance(value, Mapping):
+            return {str(k): _build(arguments[1], v, f"{where}.{k}") for k, v in value.items()}
+    elif origin is typing.Literal or (kind is str and isinstance(value, str)):
+        return value
+    elif kind is float and isinstance(value, int | float) and not isinstance(value, bool):
+        return float(value)
+    elif kind is int and isinstance(value, int) and not isinstance(value, bool):
+        return value
+    expected = getattr(kind, "__name__", str(kind))
+    raise ConfigurationError(f"{where} is {value!r} ({type(value).__name__}), expected {expected}.")
+
+
+def configuration_to_dict(configuration: Configuration) -> dict[str, Any]:
+    """Plain dictionaries, lists, strings and numbers, fit for JSON; `configuration_from_dict` undoes it."""
+    return {f.name: _plain(getattr(configuration, f.name)) for f in dataclasses.fields(configuration)}
+
+
+def _plain(value: Any) -> Any:
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {f.name: _plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
+    if isinstance(value, Mapping):
+        return {k: _plain(v) for k, v in value.items()}
+    return [_plain(v) for v in value] if isinstance(value, tuple | list) else value
