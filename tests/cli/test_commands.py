@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from functools import partial
 from pathlib import Path
 
 import jax
@@ -165,7 +166,9 @@ def test_interrupted_learning_leaves_no_half_written_file(demos, tmp_path):
     environment = {**os.environ, "JAX_COMPILATION_CACHE_DIR": str(jax.config.jax_compilation_cache_dir or tmp_path)}
     command = [sys.executable, "-m", "jaxrmp", "learn", CONFIG, "--demos", demos, "--out", str(out)]
     command += ["--metric.updates", "1000000", "--potential.widths", "[0.05]", "--potential.basin_starts", "100"]
-    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=environment)
+    # A shell's background jobs ignore SIGINT, and a child inherits that: give it the foreground's.
+    listen = partial(signal.signal, signal.SIGINT, signal.SIG_DFL)
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=environment, preexec_fn=listen)
     assert process.stderr is not None
     for line in process.stderr:
         if line.startswith("metrics"):
