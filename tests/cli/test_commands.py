@@ -6,7 +6,6 @@ import signal
 import subprocess
 import sys
 import time
-from functools import partial
 from pathlib import Path
 
 import jax
@@ -164,11 +163,12 @@ def test_overrides_are_read_as_toml_or_else_as_text():
 def test_interrupted_learning_leaves_no_half_written_file(demos, tmp_path):
     out = tmp_path / "out"
     environment = {**os.environ, "JAX_COMPILATION_CACHE_DIR": str(jax.config.jax_compilation_cache_dir or tmp_path)}
-    command = [sys.executable, "-m", "jaxrmp", "learn", CONFIG, "--demos", demos, "--out", str(out)]
+    # A shell's background jobs ignore SIGINT, and a child inherits that: give it the foreground's handler.
+    program = "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler); "
+    program += "from jaxrmp.cli import main; sys.exit(main())"
+    command = [sys.executable, "-c", program, "learn", CONFIG, "--demos", demos, "--out", str(out)]
     command += ["--metric.updates", "1000000", "--potential.widths", "[0.05]", "--potential.basin_starts", "100"]
-    # A shell's background jobs ignore SIGINT, and a child inherits that: give it the foreground's.
-    listen = partial(signal.signal, signal.SIGINT, signal.SIG_DFL)
-    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=environment, preexec_fn=listen)
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=environment)
     assert process.stderr is not None
     for line in process.stderr:
         if line.startswith("metrics"):
