@@ -31,6 +31,12 @@ def certificate(tree: Node, x: jax.Array, xd: jax.Array, method: Method = "chole
     **Returns** a `Certificate`. `dV_dt` is the derivative of the energy along the motion `(xd, xdd)`, taken by
     autodiff, not assumed. It proves stability only if `uncertified_leaves(tree)` is empty.
 
+    >>> import jax.numpy as jnp
+    >>> from jaxrmp.leaves import Damping
+    >>> found = certificate(Damping(weight=1.0, damping_rate=2.0), jnp.zeros(2), jnp.ones(2))
+    >>> float(found.energy), float(found.dV_dt), float(found.dissipation)
+    (1.0, -4.0, 4.0)
+
     RMPflow (Cheng et al. 2018), theorem 2.
     """
     xdd = acceleration(tree, x, xd, method)

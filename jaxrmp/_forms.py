@@ -71,6 +71,9 @@ def resolve(form: NaturalForm, method: Method = "cholesky") -> jax.Array:
     **Returns** the acceleration, the shape of `form.f`, units of x per second squared.
     **Raises** `UnknownNameError` for another method.
 
+    >>> resolve(NaturalForm(jnp.array([2.0, 8.0]), jnp.diag(jnp.array([1.0, 4.0])))).tolist()
+    [2.0, 2.0]
+
     RMPflow (Cheng et al. 2018), section 3.2.
     """
     if method == "cholesky":

@@ -47,6 +47,10 @@ def pushforward(task_map: Callable[[jax.Array], jax.Array], x: jax.Array, xd: ja
     **Returns** `(y, yd, J, c)` with `c = Jdot xd`, so that `ydd = J xdd + c`.
     **Raises** `ShapeError` if a plain function is given coordinates of more than one axis: wrap it in `Pointwise`.
 
+    >>> carried = pushforward(lambda x: x**2, jnp.array([3.0]), jnp.array([1.0]))
+    >>> carried.yd.tolist(), carried.c.tolist()
+    ([6.0], [2.0])
+
     RMPflow (Cheng et al. 2018), section 3.2.
     """
     if isinstance(task_map, TaskMap):

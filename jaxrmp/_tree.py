@@ -150,6 +150,13 @@ def pullback(task_map: Callable[[jax.Array], jax.Array], node: Node) -> Pullback
     **Arguments**: `task_map`, a `TaskMap` or any differentiable function; `node`, a policy on its range.
     **Returns** a node on the map's domain; energy and dissipation are pulled back with it.
 
+    >>> import jax.numpy as jnp
+    >>> from jaxrmp import Distance
+    >>> from jaxrmp.leaves import CollisionAvoidance
+    >>> keep_off = pullback(Distance(jnp.array([0.5, 0.0]), 0.1), CollisionAvoidance())
+    >>> keep_off(jnp.zeros(2), jnp.array([1.0, 0.0])).M.shape
+    (2, 2)
+
     Rana et al. 2019, equation 9.
     """
     return Pullback(task_map, node)
@@ -175,6 +182,14 @@ def acceleration(tree: Node, q: jax.Array, qd: jax.Array, method: Method = "chol
     **Arguments**: `tree`, a node on joint space; `q` [n], rad or m; `qd` [n], per second; `method`, see `resolve`.
     **Returns** `qdd` [n]. Compile it once with `jax.jit(acceleration)`: the tree is an argument, so changing a goal
     or a gain does not compile again.
+
+    >>> import jax.numpy as jnp
+    >>> from jaxrmp.leaves import Damping, Posture
+    >>> tree = Posture(jnp.zeros(2)) + Damping(weight=1.0, damping_rate=2.0)
+    >>> acceleration(tree, jnp.zeros(2), jnp.ones(2)).shape
+    (2,)
+
+    RMPflow (Cheng et al. 2018), section 3.2.
     """
     return resolve(tree(q, qd), method)
 
