@@ -35,7 +35,7 @@ LAZY_IN_CORE = {"kinematics/_load.py": {"mujoco"}}
 
 # Which parts of jaxrmp a part may import, itself and the core (`jaxrmp/*.py`) aside.
 LAYERS = {
-    "core": {"leaves", "kinematics"},  # for re-export by jaxrmp/__init__.py, checked below
+    "core": {"leaves", "kinematics", "inspection", "world"},  # for re-export by jaxrmp/__init__.py, checked below
     "leaves": set(),
     "kinematics": set(),
     "world": {"kinematics"},
