@@ -14,7 +14,9 @@ from jaxrmp.kinematics import Robot
 from jaxrmp.learning import (
     Configuration,
     PreparedDemonstrations,
+    control_point_frames,
     control_points,
+    in_frame,
     learn,
     load_configuration,
     prepare,
@@ -57,13 +59,12 @@ def rows() -> list[dict[str, Any]]:
 def _authors_errors(
     file: Path, configuration: Configuration, robot: Robot, prepared: PreparedDemonstrations
 ) -> list[dict]:
-    frames = tuple(subtask.frame for subtask in configuration.subtasks)
-    offsets = np.array([subtask.offset for subtask in configuration.subtasks])
+    frames, offsets = control_point_frames(configuration)
     errors = []
     with np.load(file) as logged:
         for i, (demonstrated, T) in enumerate(zip(prepared.points, prepared.poses, strict=True)):
             points = control_points(robot, frames, offsets, logged[f"joint_positions_{i}"])
-            errors.append(reproduction_errors(demonstrated, (points - T[:3, 3]) @ T[:3, :3]))
+            errors.append(reproduction_errors(demonstrated, in_frame(points, T)))
     return errors
 
 

@@ -18,7 +18,9 @@ from ._demonstrations import Demonstration as Demonstration
 from ._demonstrations import DemonstrationSet as DemonstrationSet
 from ._learn import Learning as Learning
 from ._learn import PreparedDemonstrations as PreparedDemonstrations
+from ._learn import control_point_frames as control_point_frames
 from ._learn import control_points as control_points
+from ._learn import in_frame as in_frame
 from ._learn import learn as learn
 from ._learn import prepare as prepare
 from ._learn import training_samples as training_samples

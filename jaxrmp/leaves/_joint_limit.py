@@ -5,9 +5,10 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
-from .._errors import ConfigurationError, RobotError, ShapeError
+from .._errors import RobotError, ShapeError
 from .._gds import SeparableGDS
 from .._pytree import pytree, set_field, static
+from ._parameters import require
 
 _LEAST = 0.01  # of d, so that the metric stays finite at a limit and constant beyond it
 
@@ -50,6 +51,7 @@ class JointLimit(SeparableGDS):
     name: str = static(default="joint_limit")
 
     def __post_init__(self):
+        require(self, positive=("weight", "sigma", "reach"), non_negative=("stiffness", "damping_rate", "barrier"))
         if not any(isinstance(value, Tracer) for value in vars(self).values()):
             self._check()
         if self.rest is None:
@@ -68,12 +70,6 @@ class JointLimit(SeparableGDS):
                 f"{lower[bad].tolist()} and upper {upper[bad].tolist()}. Select the joints that have limits with "
                 "pullback(Selection(...), JointLimit(...))."
             )
-        for name in ("weight", "sigma", "reach"):
-            if not np.all(np.asarray(getattr(self, name)) > 0):
-                raise ConfigurationError(f"{name} is {getattr(self, name)!r}, expected a positive number.")
-        for name in ("stiffness", "damping_rate", "barrier"):
-            if not np.all(np.asarray(getattr(self, name)) >= 0):
-                raise ConfigurationError(f"{name} is {getattr(self, name)!r}, expected a number that is not negative.")
 
     def metric(self, x, xd):
         s = jnp.clip((x - self.lower) / (self.upper - self.lower), 0, 1)

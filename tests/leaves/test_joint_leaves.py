@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from jax.tree_util import Partial
 
+import jaxrmp
 from jaxrmp import GDS, Pointwise, RobotError, acceleration, pullback
 from jaxrmp.leaves import Damping, JointLimit
 from jaxrmp.simulation import rollout
@@ -206,3 +207,9 @@ def test_single_precision_states_stay_single_whatever_the_parameters_are():
     for leaf in (limit, Damping(gain, gain)):
         form = leaf(q, q)
         assert form.f.dtype == form.M.dtype == leaf.energy(q, q).dtype == leaf.dissipation(q, q).dtype == jnp.float32
+
+
+@pytest.mark.parametrize(("name", "value"), [("weight", 0.0), ("sigma", -0.1), ("reach", 0.0), ("barrier", -1.0)])
+def test_joint_limit_gains_out_of_range_are_named(name, value):
+    with pytest.raises(jaxrmp.ConfigurationError, match=f"{name} of JointLimit is {value}, expected"):
+        JointLimit(-np.ones(2), np.ones(2), **{name: value})
