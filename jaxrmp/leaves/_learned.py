@@ -28,6 +28,7 @@ class Learned(GeometricDynamicalSystem):
     speed: jax.Array | float = 0.2
     damping_rate: jax.Array | float = 20.0
     name: str = static(default="learned")
+    has_goal = True
 
     def metric(self, x, xd):
         L = self.cholesky_of(x)

@@ -41,7 +41,7 @@ LAYERS = {
     "world": {"kinematics"},
     "inspection": set(),
     "io": {"kinematics", "leaves", "world"},
-    "simulation": {"kinematics", "leaves"},
+    "simulation": {"inspection"},
     "learning": {"leaves", "kinematics", "simulation"},
     "synthetic": {"kinematics", "learning"},
     "visualization": {"inspection", "leaves", "kinematics", "learning", "simulation"},
