@@ -31,7 +31,7 @@ OPTIONAL = [
 ALWAYS = {"jax", "numpy"}
 OWNERS = {"learning/_metric_network.py": {"flax"}, "learning/_metric_training.py": {"optax"}}
 OWNING_PARTS = {"synthetic": {"scipy"}, "visualization": {"matplotlib", "mpl_toolkits"}}
-LAZY_IN_CORE = {"kinematics/_load.py": {"mujoco"}}
+LAZY_IN_CORE = {"kinematics/_mujoco.py": {"mujoco"}}
 
 # Which parts of jaxrmp a part may import, itself and the core (`jaxrmp/*.py`) aside.
 LAYERS = {
