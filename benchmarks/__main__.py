@@ -7,9 +7,9 @@ import platform
 from importlib.metadata import version
 from pathlib import Path
 
-from . import learning, reproduction
+from . import latency, learning, reproduction
 
-BENCHMARKS = {"learning": learning.rows, "reproduction": reproduction.rows}
+BENCHMARKS = {"latency": latency.rows, "learning": learning.rows, "reproduction": reproduction.rows}
 
 
 def main() -> None:

@@ -82,7 +82,10 @@ _potential.defjvp(_derivative, symbolic_zeros=True)
 
 def _distances_and_weights(x, points, width):
     """Squared distances to the points [T], and the kernels' shares there [T]."""
-    square = sum((x[i] - points[:, i]) ** 2 for i in range(points.shape[1]))
+    # Coordinate by coordinate, since XLA does badly with arrays whose last axis is as short as 3.
+    square = jnp.zeros(points.shape[:1], x.dtype)
+    for i in range(points.shape[1]):
+        square = square + (x[i] - points[:, i]) ** 2
     # Far away every kernel underflows, and the plain quotient of kernels with it; the softmax does not.
     return square, jax.nn.softmax(-square / (2 * width**2))
 

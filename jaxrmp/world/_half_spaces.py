@@ -49,5 +49,10 @@ class HalfSpaces(PaddedObstacles):
         dtype = p[0].dtype
         return dot(components(self.normal, dtype), p) - jnp.asarray(self.offset, dtype)
 
+    def derivatives(self, p, v):
+        flat = jnp.zeros(jnp.broadcast_shapes(p[0].shape, (self.size,)), p[0].dtype)
+        x, y, z = (flat + n for n in components(self.normal, p[0].dtype))
+        return (x, y, z), flat
+
     def nearest_on_segment(self, a, b):
         return (self.distance(b) < self.distance(a)).astype(a[0].dtype)

@@ -6,7 +6,7 @@ from typing import Any
 import jax.numpy as jnp
 
 from .._pytree import pytree
-from ._components import components, difference, dot, fraction, length
+from ._components import components, difference, dot, fraction, length, length_derivatives
 from ._obstacles import PaddedObstacles, padded, refuse_infinite, refuse_negative, set_fields
 
 
@@ -36,6 +36,10 @@ class Spheres(PaddedObstacles):
     def distance(self, p):
         dtype = p[0].dtype
         return length(*difference(p, components(self.center, dtype))) - jnp.asarray(self.radius, dtype)
+
+    def derivatives(self, p, v):
+        (x, y, z), bend = length_derivatives(difference(p, components(self.center, p[0].dtype)), v)
+        return (x, y, z), bend
 
     def nearest_on_segment(self, a, b):
         step = difference(b, a)
