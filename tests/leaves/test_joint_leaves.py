@@ -213,3 +213,11 @@ def test_single_precision_states_stay_single_whatever_the_parameters_are():
 def test_joint_limit_gains_out_of_range_are_named(name, value):
     with pytest.raises(jaxrmp.ConfigurationError, match=f"{name} of JointLimit is {value}, expected"):
         JointLimit(-np.ones(2), np.ones(2), **{name: value})
+
+
+@pytest.mark.parametrize("name", ["weight", "damping_rate"])
+def test_damping_that_would_drive_is_refused(name):
+    with pytest.raises(
+        jaxrmp.ConfigurationError, match=f"{name} of Damping is -1.0, expected a number that is not neg"
+    ):
+        Damping(**{name: -1.0})
