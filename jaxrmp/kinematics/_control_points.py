@@ -29,6 +29,10 @@ class ControlPoints(TaskMap):
     revolute joint with axis `z_i` through `o_i`, and `z_i` for a prismatic one.
     **Raises** `UnknownNameError` for an unknown frame, `ShapeError` for wrong shapes.
 
+    >>> from jaxrmp.kinematics import panda
+    >>> jax.eval_shape(ControlPoints(panda(), "panda_hand", np.zeros((2, 3))), np.zeros(7)).shape
+    (2, 3)
+
     Siciliano et al., Robotics: Modelling, Planning and Control, section 3.1.
     """
 

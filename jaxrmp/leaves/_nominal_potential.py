@@ -22,6 +22,11 @@ class NominalPotential:
     `end_slope` g [m]; `width`, kernel width, metres; `sharpness` eta, 1/m: beyond 1/eta from the trajectory the pull
     towards it has unit slope.
 
+    >>> points, biases = jnp.array([[1.0, 0.0], [0.0, 0.0]]), jnp.array([1.0, 0.0])
+    >>> valley = NominalPotential(points, biases, jnp.zeros(2), width=0.1, sharpness=50.0)
+    >>> round(float(valley(points[0]) - valley(points[1])), 4)
+    1.0
+
     Rana et al. 2019, equations 4 to 6, with the end correction of this library. Smooth everywhere.
     """
 

@@ -23,6 +23,10 @@ class Boxes(PaddedObstacles):
     [n], bool, by default all.
     **Raises** `RigidTransformError` for a pose that is not rigid, `ConfigurationError` for extents that are negative,
     `ShapeError` for wrong shapes.
+
+    >>> from jaxrmp.world import World
+    >>> World(boxes=Boxes.of([(np.eye(4), (1, 1, 1))])).signed_distance(jnp.array([3.0, 0.0, 0.0])).tolist()
+    [2.0]
     """
 
     T_world_box: Any

@@ -16,6 +16,10 @@ class Capsules(PaddedObstacles):
 
     **Arguments**: `start`, `end` [n, 3], the ends of the axes, m; `radius` [n], m; `active` [n], bool, by default all.
     **Raises** `ConfigurationError` for a radius that is negative, `ShapeError` for wrong shapes.
+
+    >>> from jaxrmp.world import World
+    >>> World(capsules=Capsules.of([((0, 0, -1), (0, 0, 1), 0.5)])).signed_distance(jnp.array([2.0, 0, 0])).tolist()
+    [1.5]
     """
 
     start: Any

@@ -24,6 +24,10 @@ class Cylinders(PaddedObstacles):
     [n], bool, by default all.
     **Raises** `RigidTransformError` for a pose that is not rigid, `ConfigurationError` for sizes that are negative,
     `ShapeError` for wrong shapes.
+
+    >>> from jaxrmp.world import World
+    >>> World(cylinders=Cylinders.of([(np.eye(4), 0.5, 1.0)])).signed_distance(jnp.array([2.0, 0, 0])).tolist()
+    [1.5]
     """
 
     T_world_cylinder: Any

@@ -21,6 +21,11 @@ class HalfSpaces(PaddedObstacles):
     **Arguments**: `normal` [n, 3], towards the free side, of any length but zero; `offset` [n], in units of
     `normal . p`; both are scaled to unit normals. `active` [n], bool, by default all.
     **Raises** `ConfigurationError` for a normal of length zero, `ShapeError` for wrong shapes.
+
+    >>> from jaxrmp.world import World
+    >>> floor = HalfSpaces.of([((0, 0, 1), 0.0)])
+    >>> World(half_spaces=floor).signed_distance(jnp.array([0.0, 0.0, 0.5])).tolist()
+    [0.5]
     """
 
     normal: Any

@@ -26,6 +26,11 @@ class ObstacleDistances(TaskMap):
 
     **Arguments**: `points`, a map x [n] -> [K, 3], such as `ControlPoints`, m; `world`; `radii` [K] or a number, m.
     **Raises** `ConfigurationError` for a negative radius, `ShapeError` when called if shapes do not fit.
+
+    >>> from jaxrmp.world import Spheres
+    >>> scene = World(spheres=Spheres.of([((0, 0, 2), 0.5)]))
+    >>> ObstacleDistances(lambda x: x[None], scene, radii=0.25)(jnp.zeros(3)).tolist()
+    [1.25]
     """
 
     points: Callable[[jax.Array], jax.Array]

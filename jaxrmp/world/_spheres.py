@@ -16,6 +16,10 @@ class Spheres(PaddedObstacles):
 
     **Arguments**: `center` [n, 3], m; `radius` [n], m; `active` [n], bool, by default all.
     **Raises** `ConfigurationError` for a radius that is negative, `ShapeError` for wrong shapes.
+
+    >>> from jaxrmp.world import World
+    >>> World(spheres=Spheres.of([((0, 0, 2), 0.5)], capacity=2)).signed_distance(jnp.zeros(3)).tolist()
+    [1.5, 1000.0]
     """
 
     center: Any

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from jax.tree_util import Partial
 
-from jaxrmp import GeometricDynamicalSystem, acceleration
+from jaxrmp import ConfigurationError, GeometricDynamicalSystem, acceleration
 from jaxrmp.leaves import Damping, Learned, NominalPotential, natural_gradient_field
 from jaxrmp.leaves._nominal_potential import _by_definition, log_cosh_of_square
 
@@ -181,3 +181,9 @@ def test_single_precision_states_stay_single_whatever_the_gains_are():
     leaf = Learned(potential(), Partial(wavy_factor), speed=gain, damping_rate=gain)
     form, energy, dissipation = jax.jit(lambda x: (leaf(x, x), leaf.energy(x, x), leaf.dissipation(x, x)))(x)
     assert form.f.dtype == form.M.dtype == energy.dtype == dissipation.dtype == jnp.float32
+
+
+@pytest.mark.parametrize("name", ["speed", "damping_rate"])
+def test_a_negative_gain_is_refused(name):
+    with pytest.raises(ConfigurationError, match=f"{name} of Learned is -2.0, expected a number that is not negative"):
+        Learned(potential(np.float32), Partial(wavy_factor), **{name: -2.0})
