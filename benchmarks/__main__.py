@@ -7,9 +7,14 @@ import platform
 from importlib.metadata import version
 from pathlib import Path
 
-from . import latency, learning, reproduction
+from . import latency, learning, reproduction, scenes
 
-BENCHMARKS = {"latency": latency.rows, "learning": learning.rows, "reproduction": reproduction.rows}
+BENCHMARKS = {
+    "latency": latency.rows,
+    "learning": learning.rows,
+    "reproduction": reproduction.rows,
+    "scenes": scenes.rows,
+}
 
 
 def main() -> None:

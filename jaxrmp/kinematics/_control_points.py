@@ -141,7 +141,9 @@ def jacobian_rows(
     directions, slides, anchors = (
         tuple(v if isinstance(v, float) else v[:, None] for v in vector) for vector in (directions, slides, anchors)
     )
-    x, y, z = (mul(moved, v) for v in add3(cross(directions, sub3(position, anchors)), slides))
+    entries = (mul(moved, v) for v in add3(cross(directions, sub3(position, anchors)), slides))
+    # A planar arm has a row that is the number zero.
+    x, y, z = (jnp.broadcast_to(jnp.asarray(v, dtype), moved.shape) for v in entries)
     of_coordinate = [model.joints[i].coordinate for i in joints]
     n = len(model.joint_names)
     if of_coordinate == list(range(n)):

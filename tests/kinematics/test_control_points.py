@@ -11,7 +11,7 @@ import pytest
 from jaxrmp import NaturalForm, transport
 from jaxrmp._errors import ShapeError, UnknownNameError
 from jaxrmp._task_map import TaskMap, pushforward_by_autodiff
-from jaxrmp.kinematics import ControlPoints, forward_kinematics, load_robot, panda
+from jaxrmp.kinematics import ControlPoints, forward_kinematics, load_robot, load_robot_from_string, panda
 
 FRAMES = {
     "panda": ("panda_link7", "panda_hand", "panda_link4", "panda_link7", "panda_rightfinger", "panda_link0"),
@@ -173,6 +173,23 @@ def test_gradient_through_the_pushforward(branching, random_configurations):
         value_and_slope = jax.jit(jax.vmap(jax.value_and_grad(energy)))
         (_, up, down), slopes = value_and_slope(jnp.stack([q, q + 1e-6 * v, q - 1e-6 * v]))
         np.testing.assert_allclose(slopes[0] @ v, (up - down) / 2e-6, rtol=1e-6)
+
+
+PLANAR = """<mujoco><worldbody><body name="upper"><joint name="a" axis="0 0 1"/><geom size="0.1"/>
+  <body name="hand" pos="0.5 0 0"><joint name="b" axis="0 0 1"/><geom size="0.1"/></body></body></worldbody></mujoco>"""
+
+
+def test_a_planar_arm_whose_points_never_leave_their_plane():
+    robot = load_robot_from_string(PLANAR)
+    points = ControlPoints(robot, ("upper", "hand"), np.array([[0.2, 0.0, 0.3], [0.4, 0.1, 0.3]]))
+    with jax.enable_x64(True):
+        q, qd = jnp.array([0.3, -0.8]), jnp.array([1.0, 0.5])
+        form = NaturalForm(jnp.arange(6.0).reshape(2, 3), jnp.stack([jnp.eye(3), jnp.diag(jnp.arange(1.0, 4.0))]))
+        at = pushforward_by_autodiff(points, q, qd)
+        pulled = transport(points, q, qd).pull(form)
+        f = jnp.einsum("kin,ki->n", at.J, form.f - jnp.einsum("kij,kj->ki", form.M, at.c))
+        np.testing.assert_allclose(pulled.f, f, atol=1e-12)
+        np.testing.assert_allclose(pulled.M, jnp.einsum("kin,kij,kjm->nm", at.J, form.M, at.J), atol=1e-12)
 
 
 def test_one_name_stands_for_all_offsets_and_origins_are_the_default():
