@@ -87,9 +87,13 @@ class Scene:
         It takes effect with MuJoCo's next step. **Raises** `RigidTransformError`.
         """
         T = check_rigid(T_world_object)
-        data.mocap_pos[0], data.mocap_quat[0] = T[:3, 3], quaternion(T[:3, :3])
+        self.move_object(data, T)
         if self.cylinder is not None:
             data.mocap_pos[1], data.mocap_quat[1] = self._cylinder_foot(T), [1.0, 0.0, 0.0, 0.0]
+
+    def move_object(self, data: Any, T_world_object: np.ndarray) -> None:
+        """As `place`, but the cylinder stays where it is, and the pose is not checked."""
+        data.mocap_pos[0], data.mocap_quat[0] = T_world_object[:3, 3], quaternion(T_world_object[:3, :3])
 
     def object_pose(self, data: Any) -> np.ndarray:
         """`T_world_object` [4, 4], the frame that skills speak of."""
@@ -107,12 +111,8 @@ class Scene:
     def contacts(self, data: Any) -> list[str]:
         """What the arm touches and must not, itself included, as "geometry of the arm's body - other geometry"."""
         m, found = self.model, set()
-        forbidden = set(self.forbidden.tolist())
-        arm = set(self.arm_geoms.tolist())
-        for contact in data.contact[: data.ncon]:
-            a, b = int(contact.geom1), int(contact.geom2)
-            if contact.dist >= 0:
-                continue
+        forbidden, arm = set(self.forbidden.tolist()), set(self.arm_geoms.tolist())
+        for a, b in data.contact.geom[data.contact.dist < 0].tolist():
             a, b = (a, b) if a in arm else (b, a)
             if a in arm and (b in forbidden or b in arm):
                 other = m.geom(b).name or m.body(int(m.geom_bodyid[b])).name
