@@ -1,14 +1,18 @@
 """Rolling policies out."""
 
+from ._arrival import Arrival as Arrival
+from ._arrival import GoalWarning as GoalWarning
+from ._arrival import arrival as arrival
+from ._arrival import warn_if_out_of_reach as warn_if_out_of_reach
 from ._computed_torque import ArmDynamics as ArmDynamics
 from ._computed_torque import Torque as Torque
 from ._computed_torque import arm_dynamics as arm_dynamics
 from ._computed_torque import computed_torque as computed_torque
 from ._computed_torque import tracking_acceleration as tracking_acceleration
 from ._computed_torque import within_velocity_limits as within_velocity_limits
-from ._kinematic import Rollout as Rollout
 from ._kinematic import rollout as rollout
 from ._live_trial import INTERFACES as INTERFACES
+from ._rollout import Rollout as Rollout
 from ._run import run as run
 from ._scene_policy import ScenePolicy as ScenePolicy
 from ._stable_step import StiffnessWarning as StiffnessWarning

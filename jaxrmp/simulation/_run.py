@@ -53,9 +53,7 @@ def run(
     every = 1 if learned_rate is None else round(1.0 / (learned_rate * dt)) if 0 < learned_rate <= 1.0 / dt else 0
     if every < 1:
         raise ConfigurationError(f"learned_rate is {learned_rate!r}, expected Hz, above 0 and at most {1 / dt:g}.")
-    live = [
-        LiveTrial(scene, trial, criteria, tracker, interface, (seed, k)) for k, trial in enumerate(trials)
-    ]
+    live = [LiveTrial(scene, trial, criteria, tracker, interface, (seed, k)) for k, trial in enumerate(trials)]
     worlds: Any = jax.tree.map(lambda *a: jnp.stack(a), *(_obstacles(trial) for trial in live))
     q, qd = (np.zeros((len(live), scene.robot.num_joints), np.float32) for _ in range(2))
     T = np.zeros((len(live), 4, 4), np.float32)
@@ -101,6 +99,6 @@ def _learned(policy, T, worlds, q, qd):
 
 @jax.jit
 def _command_held(policy, forms, T, worlds, q, qd):
-    return jax.vmap(
-        lambda forms, T, world, q, qd: acceleration(with_held(policy.tree(T, world), forms), q, qd)
-    )(forms, T, worlds, q, qd)
+    return jax.vmap(lambda forms, T, world, q, qd: acceleration(with_held(policy.tree(T, world), forms), q, qd))(
+        forms, T, worlds, q, qd
+    )

@@ -91,7 +91,9 @@ def observe(settings: TrackerSettings, state: TrackerState, time: float, T: np.n
         lost = rng.uniform() < settings.dropouts or time >= settings.silent_after
         keep = np.exp(-1.0 / (settings.rate * settings.drift_time))
         constant = _constant(settings, seed)
-        drift = constant + keep * (drift - constant) + np.sqrt(1 - keep**2) * rng.normal(size=6) * _scales(settings.drift)
+        drift = (
+            constant + keep * (drift - constant) + np.sqrt(1 - keep**2) * rng.normal(size=6) * _scales(settings.drift)
+        )
         if not lost:
             on_the_way = (*on_the_way, (time, _noisy(settings, T, drift, rng)))
         frame += 1
