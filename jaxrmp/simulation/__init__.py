@@ -13,7 +13,7 @@ from ._computed_torque import within_velocity_limits as within_velocity_limits
 from ._kinematic import rollout as rollout
 from ._live_trial import INTERFACES as INTERFACES
 from ._rollout import Rollout as Rollout
-from ._run import run as run
+from ._run import run_trials as run_trials
 from ._scene_policy import ScenePolicy as ScenePolicy
 from ._stable_step import StiffnessWarning as StiffnessWarning
 from ._stable_step import stable_step as stable_step
@@ -23,6 +23,8 @@ from ._tracker import TrackerSettings as TrackerSettings
 from ._tracker import TrackerState as TrackerState
 from ._tracker import observe as observe
 from ._tracker import start_tracker as start_tracker
+from ._trial_sampling import demonstrations_crossed as demonstrations_crossed
+from ._trial_sampling import sample_trials as sample_trials
 from ._trials import Criteria as Criteria
 from ._trials import Displacement as Displacement
 from ._trials import Outcome as Outcome

@@ -26,7 +26,7 @@ class ScenePolicy:
     skill: Any
     robot: Robot
     spheres: RobotSpheres
-    avoidance: CollisionAvoidance
+    avoidance: CollisionAvoidance = CollisionAvoidance(barrier=0.03, reach=0.06)
     R_object_wrist: Any = None
     wrist_weight: jax.Array | float = 0.003
     wrist_stiffness: jax.Array | float = 25.0

@@ -60,8 +60,11 @@ PERFECT = TrackerSettings(jitter=(0.0, 0.0), drift=(0.0, 0.0))
 
 
 class TrackerState(NamedTuple):
-    """What a tracker carries: `seen` [4, 4], the last pose that arrived, its `stamp`, s; `frame`, the next one's number;
-    `drift` [6], m and rad; `on_the_way`, frames as (stamp, pose) in order; `seed`."""
+    """What a tracker carries from one observation to the next.
+
+    `seen` [4, 4], the last pose that arrived, and its `stamp`, s; `frame`, the next one's number; `drift` [6], m and
+    rad; `on_the_way`, frames as (stamp, pose) in order; `seed`.
+    """
 
     seen: np.ndarray
     stamp: float

@@ -45,7 +45,7 @@ LAYERS = {
     "simulation": {"inspection", "kinematics", "leaves", "scenes", "world"},
     "learning": {"leaves", "kinematics", "simulation"},
     "synthetic": {"kinematics", "learning"},
-    "visualization": {"inspection", "leaves", "kinematics", "learning", "simulation"},
+    "visualization": {"inspection", "leaves", "kinematics", "learning", "scenes", "simulation"},
     "cli": {"leaves", "kinematics", "learning", "scenes", "simulation", "synthetic", "visualization", "world"},
 }
 
