@@ -7,9 +7,14 @@ import platform
 from importlib.metadata import version
 from pathlib import Path
 
-from . import learning, reproduction
+from . import learning, physics, reproduction, tracker
 
-BENCHMARKS = {"learning": learning.rows, "reproduction": reproduction.rows}
+BENCHMARKS = {
+    "learning": learning.rows,
+    "reproduction": reproduction.rows,
+    "physics": physics.rows,
+    "tracker": tracker.rows,
+}
 
 
 def main() -> None:

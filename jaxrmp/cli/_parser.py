@@ -67,7 +67,7 @@ def _add_run(commands) -> None:
         "run",
         help="run a skill in physics",
         description="Trials in MuJoCo at 1 kHz with contacts and torque limits: first from every demonstration's "
-        "start, then with seeded starts (drawer), places of the cylinder (drawer_obstacle) or poses of the door (door). "
+        "start, then with seeded starts (drawer), places of the cylinder (drawer_obstacle) or poses of the door. "
         "Success is physical: the drawer closed to 5 mm; the hand at the standoff pose to 1 cm and 10 degrees, "
         "nothing touched.",
         epilog="example: jaxrmp run out/drawer_closing/drawer_closing.skill.npz --scene drawer --video out/drawer.mp4",

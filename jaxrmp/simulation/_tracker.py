@@ -22,15 +22,16 @@ class TrackerSettings:
     confirmed before it brakes.
 
     The defaults are what the paper's RGB-D tracker does while neither the door nor the arm moves: the still stretches
-    of the three door demonstrations with a live tracker (`python -m benchmarks tracker`). The 1.4 to 2.8 cm by which
-    its pose of the resting door shifts while the arm moves are no noise that averages out; `bias` stands for them.
+    of the three door demonstrations with a live tracker (`python -m benchmarks tracker`). The 1.5 to 2.8 cm by which
+    its pose of the resting door differs after the arm's motion from before it do not average out; `bias` stands for
+    them.
 
     **Raises** `ConfigurationError` for a value that makes no sense.
     """
 
     rate: float = 30.0
-    jitter: tuple[float, float] = (0.0005, 0.001)
-    drift: tuple[float, float] = (0.0016, 0.0035)
+    jitter: tuple[float, float] = (0.0006, 0.0009)
+    drift: tuple[float, float] = (0.0017, 0.0068)
     drift_time: float = 2.0
     bias: float = 0.0
     delay: float = 0.0

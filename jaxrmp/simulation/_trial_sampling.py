@@ -36,8 +36,8 @@ def sample_trials(
     Variations: in scene `drawer` every joint of the start by up to `START_SPREAD`; in `drawer_obstacle` the cylinder's
     place by up to `CYLINDER_SPREAD`, a new one for every round of starts, so that it stands in the way of at least
     `LEAST_CROSSED` demonstrations (or all, if fewer); in `door` the door moved by up to `OBJECT_SPREAD`. With
-    `displace`, every trial (of the door, each also a variation) has its object displaced by `DISPLACEMENT` in a random
-    horizontal direction at a random time in the first half of the motion. Starts in collision are drawn again.
+    `displace` the variation is another one: the object moved by `DISPLACEMENT` in a random horizontal direction, 0.5 to
+    2.5 s after the start, in every trial. Variations in collision at the start are drawn again.
 
     **Arguments**: `paths`, N demonstrations [T, n], rad; `poses`, the object's N poses [4, 4] in them; the same `seed`
     gives the same trials, whatever `count` is.
@@ -50,7 +50,7 @@ def sample_trials(
     for k in range(count):
         i, rng = k % len(paths), np.random.default_rng([seed, k])
         trial = Trial(np.asarray(paths[i][0], float), np.asarray(poses[i], float))
-        if k >= len(paths):
+        if k >= len(paths) and not displace:
             trial = _variation(scene, trial, paths, poses, [seed, k, k // len(paths)])
         if displace:
             angle, start = rng.uniform(-np.pi, np.pi), rng.uniform(0.5, 2.5)

@@ -2,7 +2,9 @@
 
 import ctypes.util
 import os
+import subprocess
 import sys
+import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +17,10 @@ from ..simulation import Run
 
 _SIZE = 480, 640
 _PER_SECOND = 25  # every second sample of a trace
+_ENCODING = {
+    ".mp4": ["-c:v", "libx264", "-pix_fmt", "yuv420p", "-movflags", "+faststart"],
+    ".gif": ["-vf", "split[a][b];[a]palettegen[p];[b][p]paletteuse"],
+}
 
 
 def prepare_headless() -> None:
@@ -36,25 +42,33 @@ def save_video(run: Run, path: str | os.PathLike, trials: int = 3) -> Path:
     """Write the first trials of a run, one after the other, in real time, as MP4 or GIF by the file's ending.
 
     **Raises** `ConfigurationError` for another ending or where MuJoCo cannot draw; `MissingDependencyError` without
-    imageio and its ffmpeg.
+    imageio-ffmpeg.
     """
     path = Path(path)
-    if path.suffix not in (".mp4", ".gif"):
+    if path.suffix not in _ENCODING:
         raise ConfigurationError(f"video {str(path)!r}: expected a name that ends in .mp4 or .gif.")
     try:
-        import imageio.v2 as imageio
-        import imageio_ffmpeg as _  # noqa: F401
+        from imageio_ffmpeg import get_ffmpeg_exe
     except ImportError as error:
-        raise MissingDependencyError("imageio[ffmpeg]", "simulation") from error
+        raise MissingDependencyError("imageio-ffmpeg", "simulation") from error
     frames = []
     with _renderer(run.scene.model) as renderer:
         for k in range(min(trials, len(run.trials))):
             frames += [_frame(renderer, run, k, t) for t in range(0, len(run.traces[k].time), 2)]
-    with atomic_write(path) as file:
-        if path.suffix == ".gif":
-            imageio.mimwrite(file, frames, format="GIF", duration=1000 / _PER_SECOND, loop=0)  # type: ignore[arg-type]
-        else:
-            imageio.mimwrite(file, frames, format="mp4", fps=_PER_SECOND, macro_block_size=16)  # type: ignore[arg-type]
+    height, width = _SIZE
+    command = [get_ffmpeg_exe(), "-y", "-loglevel", "error", "-f", "rawvideo", "-pix_fmt", "rgb24"]
+    command += ["-s", f"{width}x{height}", "-r", str(_PER_SECOND), "-i", "-", *_ENCODING[path.suffix]]
+    with atomic_write(path) as file, tempfile.TemporaryDirectory() as folder:
+        encoded = Path(folder) / path.name
+        done = subprocess.run(
+            [*command, str(encoded)],
+            input=b"".join(frame.tobytes() for frame in frames),
+            capture_output=True,
+            check=False,
+        )
+        if done.returncode:
+            raise ConfigurationError(f"ffmpeg could not write {str(path)!r}: {done.stderr.decode().strip()}")
+        file.write(encoded.read_bytes())
     return path
 
 

@@ -24,6 +24,7 @@ OPTIONAL = [
     "tqdm",
     "mediapy",
     "imageio",
+    "imageio_ffmpeg",
     "yaml",
 ]
 
