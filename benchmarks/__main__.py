@@ -7,13 +7,15 @@ import platform
 from importlib.metadata import version
 from pathlib import Path
 
-from . import latency, learning, reproduction, scenes
+from . import latency, learning, physics, reproduction, scenes, tracker
 
 BENCHMARKS = {
     "latency": latency.rows,
     "learning": learning.rows,
     "reproduction": reproduction.rows,
     "scenes": scenes.rows,
+    "physics": physics.rows,
+    "tracker": tracker.rows,
 }
 
 

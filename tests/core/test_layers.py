@@ -24,6 +24,7 @@ OPTIONAL = [
     "tqdm",
     "mediapy",
     "imageio",
+    "imageio_ffmpeg",
     "yaml",
 ]
 
@@ -41,11 +42,12 @@ LAYERS = {
     "world": {"kinematics"},
     "inspection": set(),
     "io": {"kinematics", "leaves", "world"},
-    "simulation": {"inspection"},
+    "scenes": {"kinematics", "world"},
+    "simulation": {"inspection", "kinematics", "leaves", "scenes", "world"},
     "learning": {"leaves", "kinematics", "simulation"},
     "synthetic": {"kinematics", "learning"},
-    "visualization": {"inspection", "leaves", "kinematics", "learning", "simulation"},
-    "cli": {"leaves", "kinematics", "learning", "simulation", "synthetic", "visualization"},
+    "visualization": {"inspection", "leaves", "kinematics", "learning", "scenes", "simulation"},
+    "cli": {"leaves", "kinematics", "learning", "scenes", "simulation", "synthetic", "visualization", "world"},
 }
 
 
