@@ -98,10 +98,11 @@ class PolicySettings:
     joint_limit_sigma: float = 0.1
     joint_limit_barrier: float = 0.01
     joint_limit_reach: float = 0.1
+    joint_limit_frequency: float = 50.0
 
     def __post_init__(self):
         _require("policy", self, positive=("speed", "damping_rate", "joint_damping_weight", "joint_limit_weight"))
-        _require("policy", self, positive=("joint_limit_sigma", "joint_limit_reach"))
+        _require("policy", self, positive=("joint_limit_sigma", "joint_limit_reach", "joint_limit_frequency"))
         _require("policy", self, not_negative=("joint_damping_rate", "joint_limit_barrier"))
 
 

@@ -103,6 +103,7 @@ def joint_leaves(robot: Robot, policy: PolicySettings) -> tuple[Damping, JointLi
         sigma=policy.joint_limit_sigma,
         barrier=policy.joint_limit_barrier,
         reach=policy.joint_limit_reach,
+        frequency=policy.joint_limit_frequency,
     )
     limit = jax.tree.map(lambda value: jnp.asarray(value, jnp.float32), limit)
     return damping, limit, tuple(int(i) for i in limited)

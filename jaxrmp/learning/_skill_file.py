@@ -20,10 +20,10 @@ from ._configuration_file import configuration_from_dict, configuration_to_dict
 from ._metric_network import CholeskyFactor, initial_cholesky_factor
 from ._skill import Skill
 
-FORMAT, VERSION = "jaxrmp skill", 1
+FORMAT, VERSION = "jaxrmp skill", 2
 _HEADER = "header.json"
 _DAMPING = ("weight", "damping_rate")
-_LIMIT = ("lower", "upper", "rest", "weight", "sigma", "stiffness", "damping_rate", "barrier", "reach")
+_LIMIT = ("lower", "upper", "rest", "weight", "sigma", "stiffness", "damping_rate", "barrier", "reach", "frequency")
 _POTENTIAL = ("points", "biases", "end_slope", "width", "sharpness")
 
 

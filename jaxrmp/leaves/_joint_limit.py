@@ -26,13 +26,16 @@ class JointLimit(SeparableGDS):
     other velocities that has no potential), plus a barrier. The metric alone slows a joint down but lets a steady pull
     creep over its limit; the barrier `1/2 barrier (max(reach - x, 0) / x)^2`, x the distance to a limit, stops
     it. Within `reach / 50` of the limit and beyond it, the barrier goes on as a straight line, so that a state outside
-    is pushed back in: at the limit it is `3651 barrier` high, which no motion of less energy crosses. `barrier=0` gives
-    the published leaf.
+    is pushed back in: at the limit it is `3651 barrier` high, which no motion of less energy crosses.
+    Against the inertia of the other leaves, as small as it may be, such a wall would be too stiff for steps of a
+    millisecond. So it brings its own: with `w = max(reach - x, 0) / x`, of which the barrier is `1/2 barrier w^2`, the
+    metric `barrier (dw/dx)^2 w^2 / (1 + w^2) / frequency^2`, damped at `2 frequency`. In w, where w is not small, that
+    is a critically damped spring of that frequency, however near the limit. `barrier=0` gives the published leaf.
 
     **Arguments**: `lower`, `upper` [n], rad or m, all finite; `rest` [n], the posture, default the middle; `weight`,
     the metric far from limits; `sigma`, the speed at which the metric takes effect, rad/s or m/s; `stiffness`, 1/s^2;
-    `damping_rate`, 1/s; `barrier`, energy; `reach`, rad or m, where the barrier begins. All but the ranges may be
-    numbers or [n].
+    `damping_rate`, 1/s; `barrier`, energy; `reach`, rad or m, where the barrier begins; `frequency`, 1/s, of motion
+    against the barrier. All but the ranges may be numbers or [n].
     **Raises** `RobotError` if a range is empty or not finite, `ShapeError` if the ranges are not vectors alike,
     `ConfigurationError` for a negative gain.
 
@@ -48,10 +51,15 @@ class JointLimit(SeparableGDS):
     damping_rate: jax.Array | float = 1e-5
     barrier: jax.Array | float = 0.01
     reach: jax.Array | float = 0.1
+    frequency: jax.Array | float = 50.0
     name: str = static(default="joint_limit")
 
     def __post_init__(self):
-        require(self, positive=("weight", "sigma", "reach"), non_negative=("stiffness", "damping_rate", "barrier"))
+        require(
+            self,
+            positive=("weight", "sigma", "reach", "frequency"),
+            non_negative=("stiffness", "damping_rate", "barrier"),
+        )
         if not any(isinstance(value, Tracer) for value in vars(self).values()):
             self._check()
         if self.rest is None:
@@ -77,7 +85,7 @@ class JointLimit(SeparableGDS):
         towards_upper = 1 - jnp.exp(-(jnp.maximum(xd, 0) ** 2) / (2 * self.sigma**2))
         towards_lower = 1 - jnp.exp(-(jnp.minimum(xd, 0) ** 2) / (2 * self.sigma**2))
         b = s * (towards_upper * d + 1 - towards_upper) + (1 - s) * (towards_lower * d + 1 - towards_lower)
-        return (self.weight / (b * b)).astype(x.dtype)
+        return (self.weight / (b * b) + self._wall_inertia(x)).astype(x.dtype)
 
     def potential(self, x):
         spring = 0.5 * self.weight * self.stiffness * (x - self.rest) ** 2
@@ -85,7 +93,20 @@ class JointLimit(SeparableGDS):
         return (spring + self.barrier * walls).astype(x.dtype)
 
     def damping(self, x, xd):
-        return (self.damping_rate * self.metric(x, xd)).astype(x.dtype)
+        own = 2 * self.frequency * self._wall_inertia(x)
+        return (self.damping_rate * self.metric(x, xd) + own).astype(x.dtype)
+
+    def _wall_inertia(self, x):
+        walls = _inertia_at_wall(x - self.lower, self.reach) + _inertia_at_wall(self.upper - x, self.reach)
+        return self.barrier * walls / self.frequency**2
+
+
+def _inertia_at_wall(distance: jax.Array, reach: jax.Array | float) -> jax.Array:
+    """`(dw/dd)^2 w^2 / (1 + w^2)` of the ramp `w = max(reach - d, 0) / d`; constant below `reach / 50`."""
+    d = jnp.maximum(distance, reach / 50)
+    w = jnp.maximum(reach - d, 0) / d
+    slope = reach / (d * d)
+    return slope * slope * w * w / (1 + w * w)
 
 
 def _wall(distance: jax.Array, reach: jax.Array | float) -> jax.Array:

@@ -55,7 +55,7 @@ def test_joint_limit_is_the_published_leaf():
 @pytest.mark.usefixtures("x64")
 @pytest.mark.parametrize("side", [1, -1])
 def test_the_metric_grows_towards_a_limit_with_speed_and_only_towards_it(side):
-    leaf = JointLimit(jnp.asarray([-1.0]), jnp.asarray([1.0]), weight=1.0, sigma=0.5)
+    leaf = JointLimit(jnp.asarray([-1.0]), jnp.asarray([1.0]), weight=1.0, sigma=0.5, barrier=0.0)
     approach = side * jnp.linspace(0.0, 0.99, 30)[:, None]
     metric = jax.jit(jax.vmap(leaf.metric))
     towards = np.asarray(metric(approach, jnp.full_like(approach, side * 1.0))).ravel()
@@ -213,3 +213,21 @@ def test_single_precision_states_stay_single_whatever_the_parameters_are():
 def test_joint_limit_gains_out_of_range_are_named(name, value):
     with pytest.raises(jaxrmp.ConfigurationError, match=f"{name} of JointLimit is {value}, expected"):
         JointLimit(-np.ones(2), np.ones(2), **{name: value})
+
+
+@pytest.mark.usefixtures("x64")
+@pytest.mark.parametrize(("margin", "push"), [(0.001, 0.0), (0.02, 15.0), (0.01, 30.0)])
+def test_a_joint_of_little_inertia_meets_its_barrier_in_steps_of_a_millisecond(margin, push):
+    """Pushed hard, or started at its limit, it comes to rest there, and the energy never rises."""
+    leaf = JointLimit(jnp.asarray([-1.0]), jnp.asarray([1.0]))
+    force = GDS(
+        Partial(lambda x, xd: jnp.zeros((1, 1))),
+        Partial(lambda push, x: -push * jnp.sum(x), jnp.asarray(push)),
+        Partial(lambda x, xd: 0.02 * jnp.eye(1)),
+    )
+    path = rollout(force + leaf, jnp.asarray([1.0 - margin]), duration=1.0, dt=0.001)
+    rises = np.diff(np.asarray(path.energy))
+    assert np.abs(path.qd).max() < 10 and (np.asarray(path.q) < 1).all()
+    assert rises.max() < 1e-4 * np.ptp(path.energy)
+    if push:
+        assert abs(float(path.qd[-1, 0])) < 1e-3
