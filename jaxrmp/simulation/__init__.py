@@ -1,7 +1,31 @@
 """Rolling policies out."""
 
+from ._computed_torque import ArmDynamics as ArmDynamics
+from ._computed_torque import Torque as Torque
+from ._computed_torque import arm_dynamics as arm_dynamics
+from ._computed_torque import computed_torque as computed_torque
+from ._computed_torque import tracking_acceleration as tracking_acceleration
+from ._computed_torque import within_velocity_limits as within_velocity_limits
 from ._kinematic import Rollout as Rollout
 from ._kinematic import rollout as rollout
+from ._live_trial import INTERFACES as INTERFACES
+from ._run import run as run
+from ._scene_policy import ScenePolicy as ScenePolicy
 from ._stable_step import StiffnessWarning as StiffnessWarning
 from ._stable_step import stable_step as stable_step
 from ._stable_step import warn_if_stiff as warn_if_stiff
+from ._tracker import PERFECT as PERFECT
+from ._tracker import TrackerSettings as TrackerSettings
+from ._tracker import TrackerState as TrackerState
+from ._tracker import observe as observe
+from ._tracker import start_tracker as start_tracker
+from ._trials import Criteria as Criteria
+from ._trials import Displacement as Displacement
+from ._trials import Outcome as Outcome
+from ._trials import Run as Run
+from ._trials import Trace as Trace
+from ._trials import Trial as Trial
+from ._trials import moved as moved
+from ._zero_order_hold import Held as Held
+from ._zero_order_hold import learned_forms as learned_forms
+from ._zero_order_hold import with_held as with_held

@@ -41,11 +41,12 @@ LAYERS = {
     "world": {"kinematics"},
     "inspection": set(),
     "io": {"kinematics", "leaves", "world"},
-    "simulation": {"kinematics", "leaves"},
+    "scenes": {"kinematics", "world"},
+    "simulation": {"kinematics", "leaves", "scenes", "world"},
     "learning": {"leaves", "kinematics", "simulation"},
     "synthetic": {"kinematics", "learning"},
     "visualization": {"inspection", "leaves", "kinematics", "learning", "simulation"},
-    "cli": {"leaves", "kinematics", "learning", "simulation", "synthetic", "visualization"},
+    "cli": {"leaves", "kinematics", "learning", "scenes", "simulation", "synthetic", "visualization", "world"},
 }
 
 

@@ -1,0 +1,67 @@
+"""A cabinet whose door stands open; the hand comes from inside it, round the door's free edge, to its handle.
+
+Where everything stands follows from the demonstrations, in the tracked handle's frame. Over six recorded and six
+synthetic ones, the gripper's centre ends at (0.04, 0.02, 0.04) m on average, the hand pointing along (-0.51, 0.86, 0),
+the fingers side by side across that: so this is the direction in which the handle, a vertical bar between the fingers,
+is before the hand, and the normal of the door. The tips that went furthest end 3.1 cm beyond that mean; the bar is
+5.5 cm beyond it, the door 3.5 cm behind the bar. The demonstrations pass the door with 5 cm or more between it and all
+of the arm, and move inside the cabinet within x -0.65 to -0.11, z -0.04 to 0.30 m; its walls leave 15 cm around that,
+so that the cabinet can be moved by 10 cm and 15 degrees around an arm that stays where it is.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from ..kinematics._load import _import_mujoco
+from ._parts import LIGHT_WOOD, METAL, WOOD, add_body, add_box, upright
+
+APPROACH = np.array([-0.506, 0.862, 0.0]) / np.hypot(0.506, 0.862)
+"""From the outside to the door, in the object's frame."""
+_STANDOFF = np.array([0.042, 0.020, 0.040])  # where the gripper's centre ends, m
+_TO_BAR, _TO_DOOR = 0.055, 0.09  # along APPROACH, m
+_TO_EDGE, _TO_HINGE = 0.045, 0.36  # from the bar along the door, m
+
+DOOR_JOINT = "door_hinge"
+
+
+def add_door(spec: Any, thing: Any) -> None:
+    """The cabinet, fixed in the object's frame, and the door on its hinge; 0 rad is where it stood when shown."""
+    mujoco = _import_mujoco()
+    along = np.array([APPROACH[1], -APPROACH[0], 0.0])  # from the free edge to the hinge
+    hinge = _STANDOFF + (_TO_DOOR + 0.01) * APPROACH + _TO_HINGE * along
+    # x points from the hinge along the door to its free edge, y (z up) to the outside.
+    door = add_body(thing, "door", hinge, upright(-along))
+    door.add_joint(
+        name=DOOR_JOINT,
+        type=3,  # mjJNT_HINGE
+        axis=[0.0, 0.0, 1.0],
+        range=[-0.5, 1.8],
+        limited=True,
+        frictionloss=0.5,
+        damping=0.2,
+    )
+    half = 0.5 * (_TO_HINGE + _TO_EDGE)
+    add_box(door, "door_panel", [half, 0.0, -0.05], [half, 0.01, 0.3], LIGHT_WOOD, mass=3.0)
+    bar = np.array([_TO_HINGE, _TO_DOOR + 0.01 - _TO_BAR, 0.0])
+    door.add_geom(
+        name="door_handle",
+        type=mujoco.mjtGeom.mjGEOM_CAPSULE,
+        fromto=[*(bar - [0.0, 0.0, 0.07]), *(bar + [0.0, 0.0, 0.07])],
+        size=[0.008, 0.0, 0.0],
+        rgba=METAL,
+        mass=0.2,
+        contype=0,
+        conaffinity=1,
+    )
+    for side in (-1.0, 1.0):
+        center = [bar[0], 0.5 * (bar[1] + 0.01), 0.06 * side]
+        name = "door_post_low" if side < 0 else "door_post_high"
+        add_box(door, name, center, [0.006, 0.5 * (bar[1] - 0.01), 0.006], METAL, mass=0.02, touches=False)
+    # The opening is the plane y = 0.28 of the object's frame, from the hinge to the far side.
+    cabinet = add_body(thing, "cabinet", [-0.345, 0.6, 0.0])
+    add_box(cabinet, "cabinet_bottom", [0.0, 0.0, -0.36], [0.68, 0.3, 0.01], WOOD)
+    add_box(cabinet, "cabinet_top", [0.0, 0.0, 0.52], [0.68, 0.3, 0.01], WOOD)
+    add_box(cabinet, "cabinet_back", [0.0, 0.31, 0.08], [0.68, 0.01, 0.45], WOOD)
+    add_box(cabinet, "cabinet_left", [-0.69, 0.0, 0.08], [0.01, 0.3, 0.45], WOOD)
+    add_box(cabinet, "cabinet_right", [0.69, 0.0, 0.08], [0.01, 0.3, 0.45], WOOD)

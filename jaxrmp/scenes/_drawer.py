@@ -1,0 +1,64 @@
+"""A cabinet with a drawer that the hand pushes closed.
+
+Where it stands follows from the demonstrations, in the object's frame (axes of the arm's base, origin at the mean end
+of the gripper's centre). Over six recorded and six synthetic ones:
+
+- The last 0.2 m of every path run along (0.58, -0.81, 0) within 4 cm, the hand pointing down, the fingers side by side
+  across that direction: that is the direction of closing, and it is horizontal.
+- The foremost point of the fingers ends 0.9 to 2.0 cm beyond the origin along it (synthetic: 0.1 to 2.1 cm). The
+  drawer was closed at all of these ends, so the face of the closed handle is where the recorded demonstration that went
+  least far left the fingers: 0.9 cm beyond the origin. The policy's target, their mean, puts them 1.3 cm beyond: it
+  presses the drawer home.
+- The fingertips' height stays within 2.7 cm of the origin's during the push, and the hand above them reaches 3.3 cm
+  forward: a handle 3 cm high at the origin's height, 6 cm before the front, is met by the fingers alone.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from ._parts import LIGHT_WOOD, METAL, WOOD, add_body, add_box, upright
+
+PUSH = np.array([0.58, -0.81, 0.0]) / np.hypot(0.58, 0.81)
+"""Direction of closing, in the object's frame."""
+CLOSED_FACE = 0.009  # of the handle beyond the origin along PUSH, m
+OPENING = 0.15  # how far the drawer stands open at the start, m
+TRAVEL = 0.25  # m
+_FRICTION = 3.0  # N, dry, of the slide
+_DAMPING = 5.0  # N s/m
+
+DRAWER_JOINT = "drawer_slide"
+
+
+def add_drawer(spec: Any, thing: Any) -> None:
+    """The cabinet, fixed in the object's frame, and the drawer on its slide; 0 m is closed."""
+    # x points out of the cabinet, so that opening is positive; the origin is the face of the closed handle.
+    cabinet = add_body(thing, "cabinet", CLOSED_FACE * PUSH, upright(-PUSH))
+    add_box(cabinet, "cabinet_top", [-0.345, 0.0, 0.125], [0.25, 0.24, 0.01], WOOD)
+    add_box(cabinet, "cabinet_bottom", [-0.345, 0.0, -0.145], [0.25, 0.24, 0.01], WOOD)
+    add_box(cabinet, "cabinet_left", [-0.345, -0.23, -0.01], [0.25, 0.01, 0.125], WOOD)
+    add_box(cabinet, "cabinet_right", [-0.345, 0.23, -0.01], [0.25, 0.01, 0.125], WOOD)
+    add_box(cabinet, "cabinet_back", [-0.585, 0.0, -0.01], [0.01, 0.22, 0.125], WOOD, touches=False)
+    drawer = add_body(cabinet, "drawer", [0.0, 0.0, 0.0])
+    drawer.add_joint(
+        name=DRAWER_JOINT,
+        type=2,  # mjJNT_SLIDE
+        axis=[1.0, 0.0, 0.0],
+        range=[0.0, TRAVEL],
+        limited=True,
+        frictionloss=_FRICTION,
+        damping=_DAMPING,
+        solref_limit=[0.01, 1.0],
+    )
+    add_box(drawer, "drawer_handle", [-0.01, 0.0, 0.0], [0.01, 0.15, 0.015], METAL, mass=0.3)
+    for side in (-1.0, 1.0):
+        name = "drawer_post_left" if side < 0 else "drawer_post_right"
+        add_box(drawer, name, [-0.045, 0.12 * side, 0.0], [0.025, 0.008, 0.01], METAL, mass=0.05, touches=False)
+    add_box(drawer, "drawer_front", [-0.08, 0.0, -0.01], [0.01, 0.215, 0.12], LIGHT_WOOD, mass=1.2)
+    inside: dict[str, tuple[list[float], list[float]]] = {
+        "drawer_bottom": ([-0.29, 0.0, -0.12], [0.2, 0.2, 0.006]),
+        "drawer_left": ([-0.29, -0.2, -0.06], [0.2, 0.006, 0.06]),
+        "drawer_right": ([-0.29, 0.2, -0.06], [0.2, 0.006, 0.06]),
+    }
+    for name, (center, half) in inside.items():
+        add_box(drawer, name, center, half, LIGHT_WOOD, mass=0.4, touches=False)

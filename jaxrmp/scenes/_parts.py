@@ -1,0 +1,108 @@
+"""What all scenes are made of: the arm with its fingers held, the floor and the light, boxes and frames."""
+
+from typing import Any
+
+import numpy as np
+
+from ..kinematics import PANDA_MODEL
+from ..kinematics._load import _import_mujoco
+
+FINGER_WIDTH = 0.04  # each finger's joint, m: as `panda()` fixes them and as the recordings of the paper have them
+WOOD = [0.76, 0.6, 0.42, 1.0]
+LIGHT_WOOD = [0.86, 0.74, 0.58, 1.0]
+METAL = [0.35, 0.36, 0.38, 1.0]
+
+
+def arm_spec() -> Any:
+    """The built-in Panda as an editable MuJoCo model, its fingers fixed open at `FINGER_WIDTH`, over a floor."""
+    mujoco = _import_mujoco()
+    spec = mujoco.MjSpec.from_file(str(PANDA_MODEL))
+    for key in list(spec.keys):
+        spec.delete(key)
+    for equality in list(spec.equalities):
+        spec.delete(equality)
+    for actuator in list(spec.actuators):
+        if "finger" in actuator.name:
+            spec.delete(actuator)
+    for joint in list(spec.joints):
+        if "finger" in joint.name:
+            joint.parent.pos = np.asarray(joint.parent.pos) + FINGER_WIDTH * np.asarray(joint.axis)
+            spec.delete(joint)
+    spec.option.timestep = 0.001
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET  # a diverged state shall be seen
+    spec.visual.quality.shadowsize = 1024
+    spec.visual.quality.offsamples = 0
+    spec.visual.global_.offwidth, spec.visual.global_.offheight = 1280, 960
+    spec.visual.headlight.ambient = [0.35, 0.35, 0.35]
+    spec.add_texture(
+        name="sky",
+        type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
+        builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
+        rgb1=[0.93, 0.95, 0.98],
+        rgb2=[0.6, 0.7, 0.8],
+        width=128,
+        height=768,
+    )
+    spec.worldbody.add_light(pos=[1.0, 1.5, 2.5], dir=[-0.3, -0.5, -0.8], diffuse=[0.6, 0.6, 0.6])
+    spec.worldbody.add_geom(
+        name="floor",
+        type=mujoco.mjtGeom.mjGEOM_PLANE,
+        size=[3.0, 3.0, 0.05],
+        rgba=[0.82, 0.84, 0.86, 1.0],
+        contype=0,
+        conaffinity=2,  # the wrist and the hand meet it; the base stands on it
+    )
+    return spec
+
+
+def add_object(spec: Any, T_world_object: np.ndarray) -> Any:
+    """The body whose frame is the object's; it moves where it is put and carries all of the furniture."""
+    return spec.worldbody.add_body(
+        name="object", mocap=True, pos=T_world_object[:3, 3], quat=quaternion(T_world_object[:3, :3])
+    )
+
+
+def add_body(parent: Any, name: str, position: Any, axes: np.ndarray | None = None) -> Any:
+    """A body at `position` in its parent, m, whose axes there are the columns of `axes`."""
+    return parent.add_body(name=name, pos=position, quat=quaternion(np.eye(3) if axes is None else axes))
+
+
+def add_box(body: Any, name: str, center: Any, half: Any, rgba: Any, mass: float = 0.0, touches: bool = True) -> None:
+    """A box in a body; if it `touches`, the arm can touch it (and nothing else does)."""
+    mujoco = _import_mujoco()
+    body.add_geom(
+        name=name,
+        type=mujoco.mjtGeom.mjGEOM_BOX,
+        pos=center,
+        size=half,
+        rgba=rgba,
+        mass=mass,
+        contype=0,
+        conaffinity=int(touches),
+    )
+
+
+def add_camera(spec: Any, position: Any, target: Any, degrees: float = 45.0) -> None:
+    """The camera named "view", at `position`, looking at `target`, both in the world, m."""
+    back = np.asarray(position, float) - np.asarray(target, float)
+    back /= np.linalg.norm(back)
+    right = np.cross([0.0, 0.0, 1.0], back)
+    right /= np.linalg.norm(right)
+    axes = np.stack([right, np.cross(back, right), back], axis=1)
+    spec.worldbody.add_camera(name="view", pos=position, quat=quaternion(axes), fovy=degrees)
+
+
+def quaternion(R: np.ndarray) -> np.ndarray:
+    """The unit quaternion (w, x, y, z) of a rotation matrix."""
+    mujoco = _import_mujoco()
+    quat = np.zeros(4)
+    mujoco.mju_mat2Quat(quat, np.ascontiguousarray(R, float).ravel())
+    return quat
+
+
+def upright(forward: Any) -> np.ndarray:
+    """Axes [3, 3] as columns: x along a horizontal direction, z up."""
+    x = np.array([forward[0], forward[1], 0.0], float)
+    x /= np.linalg.norm(x)
+    return np.stack([x, [-x[1], x[0], 0.0], [0.0, 0.0, 1.0]], axis=1)
