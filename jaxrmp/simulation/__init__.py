@@ -6,6 +6,16 @@ from ._computed_torque import arm_dynamics as arm_dynamics
 from ._computed_torque import computed_torque as computed_torque
 from ._computed_torque import tracking_acceleration as tracking_acceleration
 from ._computed_torque import within_velocity_limits as within_velocity_limits
+from ._devices import Devices as Devices
+from ._engine import Engine as Engine
+from ._engine import Outcomes as Outcomes
+from ._engine import largest_batch as largest_batch
+from ._engine import simulate as simulate
+from ._engine_kinematic import KinematicEngine as KinematicEngine
+from ._judge import Problem as Problem
+from ._judge import Status as Status
+from ._judge import StopCriteria as StopCriteria
+from ._judge import Track as Track
 from ._kinematic import Rollout as Rollout
 from ._kinematic import rollout as rollout
 from ._live_trial import INTERFACES as INTERFACES

@@ -45,8 +45,19 @@ LAYERS = {
     "simulation": {"kinematics", "leaves", "scenes", "world"},
     "learning": {"leaves", "kinematics", "simulation"},
     "synthetic": {"kinematics", "learning"},
-    "visualization": {"inspection", "leaves", "kinematics", "learning", "simulation"},
-    "cli": {"leaves", "kinematics", "learning", "scenes", "simulation", "synthetic", "visualization", "world"},
+    "evaluation": {"leaves", "kinematics", "learning", "scenes", "simulation", "world"},
+    "visualization": {"evaluation", "inspection", "leaves", "kinematics", "learning", "simulation"},
+    "cli": {
+        "evaluation",
+        "leaves",
+        "kinematics",
+        "learning",
+        "scenes",
+        "simulation",
+        "synthetic",
+        "visualization",
+        "world",
+    },
 }
 
 
