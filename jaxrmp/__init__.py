@@ -23,6 +23,7 @@ from ._errors import UnknownNameError as UnknownNameError
 from ._first_order import overdamped_velocity as overdamped_velocity
 from ._first_order import velocity as velocity
 from ._forms import CanonicalForm as CanonicalForm
+from ._forms import DiagonalForm as DiagonalForm
 from ._forms import NaturalForm as NaturalForm
 from ._forms import canonical as canonical
 from ._forms import natural as natural
@@ -43,13 +44,16 @@ from ._task_map import Selection as Selection
 from ._task_map import Stack as Stack
 from ._task_map import TaskMap as TaskMap
 from ._task_map import Translation as Translation
+from ._task_map import Transport as Transport
 from ._task_map import compose as compose
 from ._task_map import pushforward as pushforward
 from ._task_map import stack as stack
+from ._task_map import transport as transport
 from ._tree import Batched as Batched
 from ._tree import Leaf as Leaf
 from ._tree import Node as Node
 from ._tree import Pullback as Pullback
+from ._tree import SeparableLeaf as SeparableLeaf
 from ._tree import Sum as Sum
 from ._tree import acceleration as acceleration
 from ._tree import batched as batched

@@ -31,12 +31,43 @@ class NaturalForm:
     def __add__(self, other: "NaturalForm") -> "NaturalForm":
         if not isinstance(other, NaturalForm):
             return NotImplemented
-        if jnp.shape(self.f) != jnp.shape(other.f):
-            raise ShapeError(
-                f"forms of {jnp.shape(self.f)} and {jnp.shape(other.f)} do not live in the same space. Pull both back "
-                "to a common space before you add them."
-            )
+        _refuse_other_space(self, other)
         return NaturalForm(self.f + other.f, self.M + other.M)
+
+    def dense(self) -> "NaturalForm":
+        """This form itself; a `DiagonalForm` fills its metric out here."""
+        return self
+
+
+@pytree
+class DiagonalForm:
+    """A natural form whose metric is diagonal: policies of one dimension each, side by side.
+
+    `f` [..., m], and `d` [..., m], the diagonal of M. What a thousand distances ask for takes a thousand numbers so,
+    and not a million.
+    """
+
+    f: jax.Array
+    d: jax.Array
+
+    def __add__(self, other: "DiagonalForm | NaturalForm") -> "DiagonalForm | NaturalForm":
+        if isinstance(other, NaturalForm):
+            return self.dense() + other
+        if not isinstance(other, DiagonalForm):
+            return NotImplemented
+        _refuse_other_space(self, other)
+        return DiagonalForm(self.f + other.f, self.d + other.d)
+
+    def __radd__(self, other: NaturalForm) -> NaturalForm:
+        return other + self.dense() if isinstance(other, NaturalForm) else NotImplemented
+
+    def dense(self) -> NaturalForm:
+        """The same form with its metric as a matrix."""
+        d = jnp.broadcast_to(self.d, self.f.shape)
+        return NaturalForm(self.f, d[..., None] * jnp.eye(d.shape[-1], dtype=d.dtype))
+
+
+Form = NaturalForm | DiagonalForm
 
 
 @pytree
@@ -83,3 +114,11 @@ def resolve(form: NaturalForm, method: Method = "cholesky") -> jax.Array:
     if method == "lu":
         return lu_solve(form.M, form.f)
     raise UnknownNameError("method", method, get_args(Method))
+
+
+def _refuse_other_space(form: Form, other: Form) -> None:
+    if jnp.shape(form.f) != jnp.shape(other.f):
+        raise ShapeError(
+            f"forms of {jnp.shape(form.f)} and {jnp.shape(other.f)} do not live in the same space. Pull both back "
+            "to a common space before you add them."
+        )

@@ -10,9 +10,9 @@ from collections.abc import Callable
 import jax
 import jax.numpy as jnp
 
-from ._forms import NaturalForm
+from ._forms import DiagonalForm, NaturalForm
 from ._pytree import pytree, static
-from ._tree import Leaf
+from ._tree import Leaf, SeparableLeaf
 
 
 class GeometricDynamicalSystem(Leaf):
@@ -50,7 +50,7 @@ class GeometricDynamicalSystem(Leaf):
         return xd @ self.damping(x, xd) @ xd
 
 
-class SeparableGDS(Leaf):
+class SeparableGDS(SeparableLeaf):
     """Many one-dimensional geometric dynamical systems side by side: coordinate i of x [m] is a system of its own.
 
     Subclasses implement `metric`, `potential` and `damping` elementwise, [m] to [m]. One pass of elementwise autodiff
@@ -69,13 +69,13 @@ class SeparableGDS(Leaf):
         """The diagonal of `B`, [m]; not negative."""
         raise NotImplementedError
 
-    def __call__(self, x, xd):
+    def evaluate(self, x, xd):
         ones = jnp.ones_like(x)
         G, dG_dx = jax.jvp(lambda x: self.metric(x, xd), (x,), (ones,))
         _, dG_dxd = jax.jvp(lambda xd: self.metric(x, xd), (xd,), (ones,))
         _, slope = jax.jvp(self.potential, (x,), (ones,))
         f = -slope - self.damping(x, xd) * xd - 0.5 * xd * xd * dG_dx
-        return NaturalForm(f, jnp.diag(G + 0.5 * xd * dG_dxd))
+        return DiagonalForm(f, G + 0.5 * xd * dG_dxd)
 
     def energy(self, x, xd):
         return jnp.sum(0.5 * self.metric(x, xd) * xd * xd + self.potential(x))

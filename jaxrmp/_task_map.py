@@ -2,7 +2,9 @@
 
 A task map is any function `y = psi(x)`. Its pushforward carries a state along: position, velocity, Jacobian and
 the curvature term `c = Jdot xd`, all in one pass. Autodiff gives it for every function; a map that knows a faster
-way subclasses `TaskMap` and overrides `pushforward`.
+way subclasses `TaskMap` and overrides `pushforward`. Policies come the other way: `transport` gives the state there
+with the function that pulls a form back, as `jax.vjp` does for gradients. By default that function is made of J and
+c; a map that can do without them, since it knows what they are made of, overrides `transport` too.
 
 Shapes. A space of K points of dimension m has coordinates [K, m]. From a vector [n], the Jacobian is [K, m, n]
 (or [m, n] for one point). A map that takes points to points one by one has the block-diagonal Jacobian [K, m', m].
@@ -17,6 +19,7 @@ import numpy as np
 from jax.core import Tracer
 
 from ._errors import RigidTransformError, ShapeError
+from ._forms import DiagonalForm, Form, NaturalForm
 from ._pytree import pytree, set_field, static
 
 
@@ -29,14 +32,31 @@ class Pushforward(NamedTuple):
     c: jax.Array
 
 
+class Transport(NamedTuple):
+    """A state carried through a task map, `y = psi(x)`, `yd = J xd`, and the way back for forms.
+
+    `pull` takes `[f, M]` on y to `[J^T (f - M c), J^T M J]` on x.
+    """
+
+    y: jax.Array
+    yd: jax.Array
+    pull: Callable[[Form], Form]
+
+
 class TaskMap:
-    """A differentiable map between task spaces. Subclasses give `__call__` and may give a faster `pushforward`."""
+    """A differentiable map between task spaces.
+
+    Subclasses give `__call__` and may give a faster `pushforward` or `transport`, equal to these to rounding.
+    """
 
     def __call__(self, x: jax.Array) -> jax.Array:
         raise NotImplementedError
 
     def pushforward(self, x: jax.Array, xd: jax.Array) -> Pushforward:
         return pushforward_by_autodiff(self, x, xd)
+
+    def transport(self, x: jax.Array, xd: jax.Array) -> Transport:
+        return transport_by_jacobian(self, x, xd)
 
 
 def pushforward(task_map: Callable[[jax.Array], jax.Array], x: jax.Array, xd: jax.Array) -> Pushforward:
@@ -70,6 +90,35 @@ def pushforward_by_autodiff(psi: Callable[[jax.Array], jax.Array], x: jax.Array,
     return Pushforward(y, yd, jax.jacfwd(psi)(x), c)
 
 
+def transport(task_map: Callable[[jax.Array], jax.Array], x: jax.Array, xd: jax.Array) -> Transport:
+    """Carry the state `(x, xd)` through `task_map`, with the function that pulls forms back; see `Transport`.
+
+    **Arguments** and **raises** as `pushforward`.
+    """
+    if isinstance(task_map, TaskMap):
+        return task_map.transport(x, xd)
+    return transport_by_jacobian(task_map, x, xd)
+
+
+def transport_by_jacobian(task_map: Callable[[jax.Array], jax.Array], x: jax.Array, xd: jax.Array) -> Transport:
+    """The transport of any task map, by its pushforward."""
+    there = pushforward(task_map, x, xd)
+    return Transport(there.y, there.yd, lambda form: pull_form(there, form, x.ndim))
+
+
+def pull_form(there: Pushforward, form: Form, domain_axes: int) -> NaturalForm:
+    """Pull a form on y back through a pushforward; points of y are summed up if the domain is one vector."""
+    J = there.J
+    if isinstance(form, DiagonalForm):
+        f, MJ = form.f - form.d * there.c, form.d[..., None] * J
+    else:
+        f, MJ = form.f - jnp.einsum("...ij,...j->...i", form.M, there.c), form.M @ J
+    if domain_axes == 1:
+        f, J, MJ = f.reshape(-1), J.reshape(-1, J.shape[-1]), MJ.reshape(-1, J.shape[-1])
+        return NaturalForm(f @ J, J.T @ MJ)
+    return NaturalForm(jnp.einsum("...ij,...i->...j", J, f), jnp.swapaxes(J, -1, -2) @ MJ)
+
+
 @pytree
 class Identity(TaskMap):
     """`y = x`."""
@@ -80,6 +129,9 @@ class Identity(TaskMap):
     def pushforward(self, x, xd):
         eye = jnp.eye(x.shape[-1], dtype=x.dtype)
         return Pushforward(x, xd, jnp.broadcast_to(eye, (*x.shape, x.shape[-1])), jnp.zeros_like(x))
+
+    def transport(self, x, xd):
+        return Transport(x, xd, lambda form: form)
 
 
 @pytree
@@ -150,6 +202,15 @@ class RigidTransform(TaskMap):
         J = jnp.broadcast_to(R.T, (*x.shape[:-1], 3, 3))
         return Pushforward((x - t) @ R, xd @ R, J, jnp.zeros_like(x))
 
+    def transport(self, x, xd):
+        R, t = self._rotation_and_origin(x.dtype)
+
+        def pull(form):
+            form = form.dense()
+            return NaturalForm(form.f @ R.T, jnp.einsum("ai,...ij,bj->...ab", R, form.M, R))
+
+        return Transport((x - t) @ R, xd @ R, pull)
+
     def _rotation_and_origin(self, dtype):
         T = jnp.asarray(self.T_world_frame, dtype)
         return T[:3, :3], T[:3, 3]
@@ -167,6 +228,9 @@ class Translation(TaskMap):
     def pushforward(self, x, xd):
         eye = jnp.eye(x.shape[-1], dtype=x.dtype)
         return Pushforward(self(x), xd, jnp.broadcast_to(eye, (*x.shape, x.shape[-1])), jnp.zeros_like(x))
+
+    def transport(self, x, xd):
+        return Transport(self(x), xd, lambda form: form)
 
 
 @pytree
@@ -206,6 +270,19 @@ class Composition(TaskMap):
             c = step.c + jnp.einsum("...ij,...j->...i", step.J, total.c)
             total = Pushforward(step.y, step.yd, step.J @ total.J, c)
         return total
+
+    def transport(self, x, xd):
+        steps = []
+        for psi in self.maps:
+            x, xd, pull = transport(psi, x, xd)
+            steps.append(pull)
+
+        def pull_through(form):
+            for pull in reversed(steps):
+                form = pull(form)
+            return form
+
+        return Transport(x, xd, pull_through)
 
 
 @pytree

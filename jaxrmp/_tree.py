@@ -11,9 +11,9 @@ import jax
 import jax.numpy as jnp
 
 from ._errors import ShapeError
-from ._forms import Method, NaturalForm, resolve
+from ._forms import Form, Method, NaturalForm, resolve
 from ._pytree import pytree, static
-from ._task_map import Pushforward, pushforward
+from ._task_map import transport
 
 
 class Node:
@@ -21,6 +21,10 @@ class Node:
 
     def __call__(self, x: jax.Array, xd: jax.Array) -> NaturalForm:
         raise NotImplementedError
+
+    def evaluate(self, x: jax.Array, xd: jax.Array) -> Form:
+        """What the call gives, with the structure of its metric kept: what task maps pull back."""
+        return self(x, xd)
 
     def energy(self, x: jax.Array, xd: jax.Array) -> jax.Array:
         """Lyapunov function `V = 1/2 xd^T G xd + Phi`, a scalar; zero from a leaf that has none."""
@@ -60,6 +64,16 @@ class Leaf(Node):
         yield self
 
 
+class SeparableLeaf(Leaf):
+    """A leaf of one-dimensional policies side by side. Subclasses implement `evaluate`, and return a `DiagonalForm`."""
+
+    def __call__(self, x, xd):
+        return self.evaluate(x, xd).dense()
+
+    def evaluate(self, x: jax.Array, xd: jax.Array) -> Form:
+        raise NotImplementedError
+
+
 @pytree
 class Sum(Node):
     """Policies on the same space, acting together: forces and metrics add."""
@@ -67,9 +81,12 @@ class Sum(Node):
     nodes: tuple[Node, ...]
 
     def __call__(self, x, xd):
-        total = self.nodes[0](x, xd)
+        return self.evaluate(x, xd).dense()
+
+    def evaluate(self, x, xd):
+        total = self.nodes[0].evaluate(x, xd)
         for node in self.nodes[1:]:
-            total = total + node(x, xd)
+            total = total + node.evaluate(x, xd)
         return total
 
     def energy(self, x, xd):
@@ -91,8 +108,11 @@ class Pullback(Node):
     node: Node
 
     def __call__(self, x, xd):
-        there = pushforward(self.task_map, x, xd)
-        return pullback_form(there, self.node(there.y, there.yd), x.ndim)
+        return self.evaluate(x, xd).dense()
+
+    def evaluate(self, x, xd):
+        y, yd, pull = transport(self.task_map, x, xd)
+        return pull(self.node.evaluate(y, yd))
 
     def energy(self, x, xd):
         return self.node.energy(*jax.jvp(self.task_map, (x,), (xd,)))
@@ -126,7 +146,10 @@ class Batched(Node):
             )
 
     def __call__(self, x, xd):
-        return self._over_points(lambda node, x, xd: node(x, xd), x, xd)
+        return self.evaluate(x, xd).dense()
+
+    def evaluate(self, x, xd):
+        return self._over_points(lambda node, x, xd: node.evaluate(x, xd), x, xd)
 
     def energy(self, x, xd):
         return jnp.sum(self._over_points(lambda node, x, xd: node.energy(x, xd), x, xd))
@@ -192,17 +215,6 @@ def acceleration(tree: Node, q: jax.Array, qd: jax.Array, method: Method = "chol
     RMPflow (Cheng et al. 2018), section 3.2.
     """
     return resolve(tree(q, qd), method)
-
-
-def pullback_form(there: Pushforward, form: NaturalForm, domain_axes: int) -> NaturalForm:
-    """Pull a form on y back through a pushforward; points of y are summed up if the domain is one vector."""
-    J, M = there.J, form.M
-    f = form.f - jnp.einsum("...ij,...j->...i", M, there.c)
-    if domain_axes == 1:
-        f, J = f.reshape(-1), J.reshape(-1, J.shape[-1])
-        MJ = (M @ there.J).reshape(J.shape)
-        return NaturalForm(J.T @ f, J.T @ MJ)
-    return NaturalForm(jnp.einsum("...ij,...i->...j", J, f), jnp.swapaxes(J, -1, -2) @ M @ J)
 
 
 def _terms(node: Node) -> tuple[Node, ...]:

@@ -26,7 +26,6 @@ from ..leaves.lula import (
 from ..world import Capsules, ObstacleDistances, RobotSpheres, Spheres, World
 from ._axes_and_position import AxesAndPosition
 from ._rmpflow_yaml import RmpflowSettings, read_rmpflow
-from ._separately import Separately
 from ._xrdf import read_xrdf
 
 
@@ -140,7 +139,7 @@ class LulaPolicy:
 
     def _keep_off(self, spheres: RobotSpheres, world: World, leaf: Leaf) -> Node:
         distances = ObstacleDistances(spheres.points(self.robot), world, spheres.radii)
-        return pullback(Separately(distances), leaf)
+        return pullback(distances, leaf)
 
     def _point_cloud_leaf(self, points) -> Node:
         if self.point_cloud_collision is None:

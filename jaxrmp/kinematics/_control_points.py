@@ -8,8 +8,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._errors import ShapeError
+from .._forms import NaturalForm
 from .._pytree import pytree, set_field, static
-from .._task_map import Pushforward, TaskMap
+from .._task_map import Pushforward, TaskMap, Transport
 from ._forward import configuration
 from ._motion import BodyMotion, JointAxis, attach, carry, move
 from ._robot import KinematicModel, Robot
@@ -66,6 +67,21 @@ class ControlPoints(TaskMap):
             entries = (motion.position, motion.velocity, columns, motion.acceleration)
             groups.append([rows(v, shape, x.dtype) for v, shape in zip(entries, shapes, strict=True)])
         return Pushforward(*(self._in_order(column) for column in zip(*groups, strict=True)))
+
+    def transport(self, x, xd):
+        at = self.pushforward(x, xd)
+        # With the points as the last axis, the longest, of every product.
+        J, c = jnp.moveaxis(at.J, 0, -1), at.c.T
+
+        def pull(form):
+            form = form.dense()
+            M, f = jnp.moveaxis(form.M, 0, -1), form.f.T
+            MJ = [sum(M[i, j] * J[j] for j in range(3)) for i in range(3)]
+            f = jnp.stack([f[i] - sum(M[i, j] * c[j] for j in range(3)) for i in range(3)])
+            flat = jnp.moveaxis(J, 1, 0).reshape(J.shape[1], -1)
+            return NaturalForm(flat @ f.reshape(-1), flat @ jnp.concatenate(MJ, axis=-1).T)
+
+        return Transport(at.y, at.yd, pull)
 
     def _groups(self) -> list[tuple[str, list[int]]]:
         """Each distinct frame with the indices of its points."""

@@ -42,8 +42,17 @@ class CholeskyNetwork(nn.Module):
             param_dtype=self.param_dtype,
         )(x)
         below = nn.Dense(m * (m - 1) // 2, kernel_init=nn.initializers.normal(0.01), param_dtype=self.param_dtype)(x)
-        L = jnp.zeros((m, m), x.dtype).at[jnp.tril_indices(m, -1)].set(below)
-        return L + jnp.diag(jnp.abs(diagonal) + self.offset)
+        return _lower_triangular(jnp.abs(diagonal) + self.offset, below)
+
+
+def _lower_triangular(diagonal, below):
+    """The matrix of these entries [m] and [m (m - 1) / 2], row by row; by slices, which XLA fuses, and no scatter."""
+    m, blank = diagonal.shape[0], jnp.zeros_like(diagonal)
+    rows = [
+        jnp.concatenate([below[i * (i - 1) // 2 : i * (i + 1) // 2], diagonal[i : i + 1], blank[i + 1 :]])
+        for i in range(m)
+    ]
+    return jnp.stack(rows)
 
 
 @pytree

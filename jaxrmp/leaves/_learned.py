@@ -3,7 +3,9 @@
 from collections.abc import Callable
 
 import jax
+import jax.numpy as jnp
 
+from .._forms import NaturalForm
 from .._gds import GeometricDynamicalSystem
 from .._linalg import solve_lower, solve_lower_transposed
 from .._pytree import pytree, static
@@ -28,6 +30,16 @@ class Learned(GeometricDynamicalSystem):
     speed: jax.Array | float = 0.2
     damping_rate: jax.Array | float = 20.0
     name: str = static(default="learned")
+
+    def __call__(self, x, xd):
+        # G = L L^T does not depend on velocity: its curvature terms take one pass along xd and one pass back.
+        L, back = jax.vjp(self.cholesky_of, x)
+        _, L_dot = jax.jvp(self.cholesky_of, (x,), (xd,))
+        M, momentum = L @ L.T, L.T @ xd
+        (kinetic_slope,) = back(jnp.outer(xd, momentum))
+        xi = L_dot @ momentum + L @ (L_dot.T @ xd) - kinetic_slope
+        f = -jax.grad(self.potential)(x) - self.damping_rate * (M @ xd) - xi
+        return NaturalForm(f.astype(x.dtype), M.astype(x.dtype))
 
     def metric(self, x, xd):
         L = self.cholesky_of(x)

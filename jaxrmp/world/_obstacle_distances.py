@@ -8,8 +8,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._errors import ShapeError
+from .._forms import DiagonalForm, NaturalForm
 from .._pytree import pytree, set_field
-from .._task_map import Pushforward, TaskMap, pushforward
+from .._task_map import Pushforward, TaskMap, Transport, pull_form, pushforward, transport
 from ._components import Point, columns, curvature, dot, gradient
 from ._obstacles import FAR, refuse_negative
 from ._world import World
@@ -41,17 +42,39 @@ class ObstacleDistances(TaskMap):
 
     def pushforward(self, x, xd):
         at = pushforward(self.points, x, xd)
-        radii = radii_of_points(self.radii, at.y)
-        p, v = columns(at.y), columns(at.yd)
-        world = self.world
-        distance = world.of_each(at.y, lambda kind: kind.distance(p)) - radii[:, None]
-        normals = [gradient(kind.distance, p) for kind in world.kinds]
-        none = jnp.zeros((*at.y.shape[:-1], 0), at.y.dtype)
+        d, g, bend = self._from_points(at.y, at.yd)
+        return carried(d, g, bend, at)
+
+    def transport(self, x, xd):
+        p, v, pull_to_x = transport(self.points, x, xd)
+        d, g, bend = self._from_points(p, v)
+        rate = dot(g, columns(v))
+
+        def pull(form):
+            if not isinstance(form, DiagonalForm):
+                return pull_form(self.pushforward(x, xd), form, x.ndim)
+            # What the obstacles ask of one point is one form there: O distances, but only one Jacobian.
+            force, weight = (part.reshape(d.shape) for part in (form.f, form.d))
+            force = force - weight * bend
+            f = [jnp.sum(force * n, axis=-1) for n in g]
+            pulls = [weight * n for n in g]
+            M = {(i, j): jnp.sum(pulls[i] * g[j], axis=-1) for i in range(3) for j in range(i + 1)}
+            rows = [jnp.stack([M[max(i, j), min(i, j)] for j in range(3)], axis=-1) for i in range(3)]
+            return pull_to_x(NaturalForm(jnp.stack(f, axis=-1), jnp.stack(rows, axis=-2)))
+
+        return Transport(d.reshape(-1), rate.reshape(-1), pull)
+
+    def _from_points(self, p, v):
+        """Distances [K, O], their normals, and their second derivatives along the points' velocities."""
+        radii, world = radii_of_points(self.radii, p), self.world
+        at, along = columns(p), columns(v)
+        distance = world.of_each(p, lambda kind: kind.distance(at)) - radii[:, None]
+        normals = [gradient(kind.distance, at) for kind in world.kinds]
+        none = jnp.zeros((*p.shape[:-1], 0), p.dtype)
         columns_of_g = (jnp.concatenate([none, *(n[i] for n in normals)], axis=-1) for i in range(3))
         x, y, z = (world.only_active(g, 0.0) for g in columns_of_g)
-        g = (x, y, z)
-        bend = world.only_active(world.of_each(at.y, lambda kind: curvature(kind.distance, p, v, v)), 0.0)
-        return carried(world.only_active(distance, FAR), g, bend, at)
+        bend = world.only_active(world.of_each(p, lambda kind: curvature(kind.distance, at, along, along)), 0.0)
+        return world.only_active(distance, FAR), (x, y, z), bend
 
 
 def carried(d: jax.Array, g: Point, bend: jax.Array, at: Pushforward) -> Pushforward:

@@ -3,15 +3,15 @@
 import jax
 import jax.numpy as jnp
 
-from ..._forms import NaturalForm
+from ..._forms import DiagonalForm
 from ..._pytree import pytree, static
-from ..._tree import Leaf
+from ..._tree import SeparableLeaf
 from .._parameters import require
 from ._position_target import proximity_boost
 
 
 @pytree
-class AxisTarget(Leaf):
+class AxisTarget(SeparableLeaf):
     """Turns a unit vector of a frame to `target`; three of them, on three axes, hold an orientation.
 
     `a = k_p (n_0 - n) - k_d nd`, `M = [beta b + 1 - beta] mu I`. With a `position_target` x_0,
@@ -46,7 +46,7 @@ class AxisTarget(Leaf):
             non_negative=("accel_p_gain", "accel_d_gain", "metric_scalar", "proximity_metric_boost_scalar"),
         )
 
-    def __call__(self, x, xd):
+    def evaluate(self, x, xd):
         a = self.accel_p_gain * (jnp.asarray(self.target, x.dtype) - x[:3]) - self.accel_d_gain * xd[:3]
         m = jnp.full((3,), self.metric_scalar, x.dtype)
         if self.position_target is not None:
@@ -55,4 +55,4 @@ class AxisTarget(Leaf):
                 offset @ offset, self.proximity_metric_boost_scalar, self.proximity_metric_boost_length_scale
             )
             a, m = jnp.pad(a, (0, 3)), jnp.pad(m, (0, 3))
-        return NaturalForm((m * a).astype(x.dtype), jnp.diag(m).astype(x.dtype))
+        return DiagonalForm((m * a).astype(x.dtype), m.astype(x.dtype))

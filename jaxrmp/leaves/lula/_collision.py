@@ -4,20 +4,20 @@ import jax
 import jax.numpy as jnp
 
 from ..._pytree import pytree, static
-from ..._tree import Leaf
+from ..._tree import SeparableLeaf
 from .._parameters import require
 from ._elementwise import closed_gate, elementwise
 
 
 @pytree
-class Collision(Leaf):
+class Collision(SeparableLeaf):
     """Pushes apart what is near and brakes what comes nearer; a scalar policy a distance.
 
     With `x = max(d, 0)`: `a = k_p exp(-x / l_p) - k_d sig(xd / v_d) xd / (x / l_d + eps_d)` and
     `m = sig(xd / v_d) (1 - x / r)^2 mu / (x / l_m + eps_m)` for x <= r, else 0; `sig(z) = 1 / (1 + exp(z))`. Push and
     metric are at their largest in contact and inside.
 
-    Its space is distances [P], or [P, 1], which gives P blocks of one number and so is cheap for many pairs.
+    Its space is distances [P].
 
     **Arguments**: `damping_gain` k_d, 1/s; `damping_std_dev` l_d, m; `damping_robustness_eps` eps_d;
     `damping_velocity_gate_length_scale` v_d, m/s; `repulsion_gain` k_p, m/s^2; `repulsion_std_dev` l_p, m;
@@ -59,7 +59,7 @@ class Collision(Leaf):
         """The smallest distance, for the inspector."""
         return jnp.min(x)
 
-    def __call__(self, x, xd):
+    def evaluate(self, x, xd):
         d = jnp.maximum(x, 0)
         gate = closed_gate(xd / self.damping_velocity_gate_length_scale)
         brake = self.damping_gain * gate * xd / (d / self.damping_std_dev + self.damping_robustness_eps)

@@ -4,13 +4,13 @@ import jax
 import jax.numpy as jnp
 
 from ..._pytree import pytree, static
-from ..._tree import Leaf
+from ..._tree import SeparableLeaf
 from .._parameters import require
 from ._elementwise import elementwise, length
 
 
 @pytree
-class CSpaceTarget(Leaf):
+class CSpaceTarget(SeparableLeaf):
     """Pulls the joints towards `target`, with a pull that grows no more beyond a distance.
 
     `a = k_p rob(q_0 - q) - k_d qd`, `M = mu I`, with `rob(p) = p` for `|p| < theta`, else `theta p / |p|`.
@@ -37,7 +37,7 @@ class CSpaceTarget(Leaf):
             non_negative=("metric_scalar", "position_gain", "damping_gain"),
         )
 
-    def __call__(self, x, xd):
+    def evaluate(self, x, xd):
         offset = jnp.asarray(self.target, x.dtype) - x
         offset = offset / jnp.maximum(1.0, length(offset) / self.robust_position_term_thresh)
         return elementwise(self.position_gain * offset - self.damping_gain * xd, self.metric_scalar, x)

@@ -3,16 +3,16 @@
 import jax
 import jax.numpy as jnp
 
-from ..._forms import NaturalForm
+from ..._forms import DiagonalForm
 
 
-def elementwise(a: jax.Array, m: jax.Array, x: jax.Array) -> NaturalForm:
+def elementwise(a: jax.Array, m: jax.Array, x: jax.Array) -> DiagonalForm:
     """The form of one scalar policy a coordinate: accelerations `a` and metrics `m`, both in the shape of x.
 
-    `x` is one vector [m], with metric [m, m], or K points [K, m], with K blocks.
+    `x` is one vector [m] or K points [K, m].
     """
     m = jnp.broadcast_to(m, x.shape).astype(x.dtype)
-    return NaturalForm((m * a).astype(x.dtype), m[..., None] * jnp.eye(x.shape[-1], dtype=x.dtype))
+    return DiagonalForm((m * a).astype(x.dtype), m)
 
 
 def length(v: jax.Array) -> jax.Array:

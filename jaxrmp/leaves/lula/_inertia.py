@@ -4,13 +4,13 @@ import jax
 import jax.numpy as jnp
 
 from ..._pytree import pytree, static
-from ..._tree import Leaf
+from ..._tree import SeparableLeaf
 from .._parameters import require
 from ._elementwise import elementwise
 
 
 @pytree
-class Inertia(Leaf):
+class Inertia(SeparableLeaf):
     """Resists every acceleration alike: `a = 0`, `M = m I`.
 
     **Arguments**: `inertia` m.
@@ -26,5 +26,5 @@ class Inertia(Leaf):
     def __post_init__(self):
         require(self, non_negative=("inertia",))
 
-    def __call__(self, x, xd):
+    def evaluate(self, x, xd):
         return elementwise(jnp.zeros_like(x), self.inertia, x)

@@ -6,15 +6,15 @@ import numpy as np
 from jax.core import Tracer
 
 from ..._errors import RobotError
-from ..._forms import NaturalForm
+from ..._forms import DiagonalForm
 from ..._pytree import pytree, static
-from ..._tree import Leaf
+from ..._tree import SeparableLeaf
 from .._parameters import require
 from ._elementwise import closed_gate
 
 
 @pytree
-class JointLimit(Leaf):
+class JointLimit(SeparableLeaf):
     """Pushes every joint away from both ends of its range, and brakes it near them.
 
     A scalar policy an end, on the distance to that end as a share of the range, `x = (q - lower) / (upper - lower)` or
@@ -65,7 +65,7 @@ class JointLimit(Leaf):
                     f"{lower[bad].tolist()} and upper {upper[bad].tolist()}."
                 )
 
-    def __call__(self, x, xd):
+    def evaluate(self, x, xd):
         lower, upper = jnp.asarray(self.lower, x.dtype), jnp.asarray(self.upper, x.dtype)
         is_limited = jnp.isfinite(lower) & jnp.isfinite(upper)
         span = jnp.where(is_limited, upper - lower, 1)
@@ -73,7 +73,7 @@ class JointLimit(Leaf):
         a_up, m_up = self._end(jnp.where(is_limited, upper - x, 1) / span, -xd / span)
         f = jnp.where(is_limited, (m_low * a_low - m_up * a_up) / span, 0)
         m = jnp.where(is_limited, (m_low + m_up) / (span * span), 0)
-        return NaturalForm(f.astype(x.dtype), jnp.diag(m).astype(x.dtype))
+        return DiagonalForm(f.astype(x.dtype), m.astype(x.dtype))
 
     def _end(self, x, xd):
         x = jnp.maximum(x, 0)

@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 
 from ..._pytree import pytree, static
-from ..._tree import Leaf
+from ..._tree import SeparableLeaf
 from .._parameters import require
 from ._elementwise import elementwise
 
@@ -12,7 +12,7 @@ _POLE = 1e-3  # of 1 - s^2 / v_r^2: how near the metric goes to its pole
 
 
 @pytree
-class JointVelocityCap(Leaf):
+class JointVelocityCap(SeparableLeaf):
     """Brakes every joint whose speed comes near `max_velocity`, with a metric that grows without bound towards it.
 
     Per joint, with `s = |qd| - (v_max - v_r)`: `a = -k_d sign(qd) s`, `m = 0` for s < 0, else `mu / (1 - s^2 / v_r^2)`.
@@ -37,7 +37,7 @@ class JointVelocityCap(Leaf):
             self, positive=("velocity_damping_region",), non_negative=("max_velocity", "damping_gain", "metric_weight")
         )
 
-    def __call__(self, x, xd):
+    def evaluate(self, x, xd):
         s = jnp.abs(xd) - (self.max_velocity - self.velocity_damping_region)
         below_pole = jnp.maximum(1 - (s / self.velocity_damping_region) ** 2, _POLE)
         m = jnp.where(s < 0, 0, self.metric_weight / below_pole)

@@ -3,13 +3,13 @@
 import jax
 
 from ..._pytree import pytree, static
-from ..._tree import Leaf
+from ..._tree import SeparableLeaf
 from .._parameters import require
 from ._elementwise import elementwise, length
 
 
 @pytree
-class SpeedDamping(Leaf):
+class SpeedDamping(SeparableLeaf):
     """Brakes a point in space the harder, and the more importantly, the faster it moves.
 
     `a = -k_d |xd| xd`, `M = mu |xd| I`: nothing at rest.
@@ -28,6 +28,6 @@ class SpeedDamping(Leaf):
     def __post_init__(self):
         require(self, non_negative=("accel_d_gain", "metric_scalar"))
 
-    def __call__(self, x, xd):
+    def evaluate(self, x, xd):
         speed = length(xd)
         return elementwise(-self.accel_d_gain * speed * xd, self.metric_scalar * speed, x)
