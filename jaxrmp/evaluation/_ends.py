@@ -43,9 +43,9 @@ class Ends(NamedTuple):
 def classify_ends(problem: Problem, limits: Node | None, outcomes: Outcomes) -> Ends:
     """Find out what kind of end each rollout came to.
 
-    At rest, the forces of the tree balance. If a joint-limit leaf's push takes part in that balance, by more than ten
-    times what is left over, the arm stands at that limit: a stop that the report states, for the target is out of reach
-    that way. A rest without is a spurious rest point: a minimum of the potential away from the goal.
+    At rest, the forces on every joint balance. If the joint-limit leaf pushes a joint, by more than ten times what is
+    left over there, the arm stands at that limit: a stop that the report states, for the way on is barred. A rest
+    without is a spurious rest point: a minimum of the potential away from the goal.
 
     **Arguments**: `limits`, the leaf of the joint limits as a node on joint space, None without.
     """
@@ -59,7 +59,7 @@ def classify_ends(problem: Problem, limits: Node | None, outcomes: Outcomes) -> 
     margin = np.minimum(q - np.asarray(problem.lower), np.asarray(problem.upper) - q)
     error = np.linalg.norm(points, axis=-1).max(-1)
     residual = np.abs(slope).max(-1)
-    at_limit = (np.abs(push) > np.maximum(_PUSHES, 10 * residual[:, None])).any(1)
+    at_limit = (np.abs(push) > np.maximum(_PUSHES, 10 * np.abs(slope))).any(1)
     status = outcomes.status
     kind = np.full(len(q), End.UNFINISHED)
     kind[status == Status.CONVERGED] = End.CONVERGED
