@@ -3,6 +3,7 @@
 import jax
 import jax.numpy as jnp
 
+from ._certificate import uncertified_leaves
 from ._errors import ConfigurationError
 from ._forms import Method, NaturalForm, resolve
 from ._tree import Node
@@ -47,9 +48,8 @@ def overdamped_velocity(tree: Node, q: jax.Array, method: Method = "cholesky") -
 
 
 def _check_potentials(tree: Node) -> None:
-    names = list(dict.fromkeys(leaf.name for leaf in tree.leaves() if not leaf.certified))
-    if names:
+    if names := uncertified_leaves(tree):
         raise ConfigurationError(
-            f"leaves {names} have no potential, so the tree has no first-order form. Leave them out of the tree, or "
-            "use geometric dynamical systems in their place; acceleration(tree, q, qd) drives any tree."
+            f"leaves {list(names)} have no potential, so the tree has no first-order form. Leave them out of the tree, "
+            "or use geometric dynamical systems in their place; acceleration(tree, q, qd) drives any tree."
         )

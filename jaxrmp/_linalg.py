@@ -60,6 +60,14 @@ def lu_solve(A: jax.Array, b: jax.Array) -> jax.Array:
     return solve_lower(A[..., ::-1, ::-1], b[..., ::-1])[..., ::-1]
 
 
+def length(v: jax.Array) -> jax.Array:
+    """Length over the last axis, with gradient zero at zero."""
+    square = jnp.sum(v * v, axis=-1)
+    # The inner where keeps sqrt away from zero, where its slope is infinite and would turn the zero into NaN.
+    at_zero = square == 0
+    return jnp.where(at_zero, 0.0, jnp.sqrt(jnp.where(at_zero, 1.0, square))).astype(v.dtype)
+
+
 def _size(A: jax.Array) -> int:
     if A.ndim < 2 or A.shape[-1] != A.shape[-2]:
         raise ShapeError(f"expected square matrices [..., n, n], received shape {A.shape}.")

@@ -20,6 +20,7 @@ from jax.core import Tracer
 
 from ._errors import RigidTransformError, ShapeError
 from ._forms import DiagonalForm, Form, NaturalForm
+from ._linalg import length
 from ._pytree import pytree, set_field, static
 
 
@@ -244,12 +245,7 @@ class Distance(TaskMap):
     radius: jax.Array | float = 0.0
 
     def __call__(self, x):
-        offset = x - jnp.asarray(self.center, x.dtype)
-        square = jnp.sum(offset * offset)
-        at_center = square == 0
-        # The inner where keeps sqrt away from zero, where its slope is infinite and would turn the zero into NaN.
-        length = jnp.where(at_center, 0.0, jnp.sqrt(jnp.where(at_center, 1.0, square)))
-        return (length - self.radius)[None].astype(x.dtype)
+        return (length(x - jnp.asarray(self.center, x.dtype)) - self.radius)[None].astype(x.dtype)
 
 
 @pytree

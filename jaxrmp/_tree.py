@@ -45,7 +45,8 @@ class Node:
 
 
 class Leaf(Node):
-    """A node at the end of a branch. `certified` says whether it is a geometric dynamical system.
+    """A node at the end of a branch. `certified` says whether it is a geometric dynamical system, `has_goal` whether it
+    is there to bring its space to one place, so that what is left to it (`inspection.gap`) tells success from failure.
 
     A leaf that is not keeps the energies of the others but voids their sum as a certificate: it inherits the zero
     energy below and sets `certified = False`.
@@ -53,6 +54,7 @@ class Leaf(Node):
 
     name: str
     certified = True
+    has_goal = False
 
     def energy(self, x, xd):
         return jnp.zeros((), x.dtype)

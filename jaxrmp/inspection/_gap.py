@@ -3,6 +3,7 @@
 import jax
 import jax.numpy as jnp
 
+from .._linalg import length
 from .._tree import Node
 
 
@@ -28,11 +29,3 @@ def gap(leaf: Node, x: jax.Array) -> jax.Array:
         if name in given:
             return length((x - given[name]).reshape(-1))
     return length(x.reshape(-1))
-
-
-def length(v: jax.Array) -> jax.Array:
-    """Length over the last axis, with gradient zero at zero."""
-    square = jnp.sum(v * v, axis=-1)
-    # The inner where keeps sqrt away from zero, where its slope is infinite and would turn the zero into NaN.
-    at_zero = square == 0
-    return jnp.where(at_zero, 0.0, jnp.sqrt(jnp.where(at_zero, 1.0, square))).astype(v.dtype)

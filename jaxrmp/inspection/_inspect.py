@@ -4,9 +4,9 @@ import jax
 import jax.numpy as jnp
 
 from .._forms import Method, NaturalForm, resolve
+from .._linalg import length
 from .._pytree import pytree, static
 from .._tree import Node
-from ._gap import length
 from ._rows import rows_of
 
 

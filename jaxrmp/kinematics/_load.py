@@ -9,8 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from .._errors import MissingDependencyError, RobotError
+from .._errors import RobotError
 from ._couplings import resolve_couplings
+from ._mujoco import import_mujoco
+from ._quaternions import rotation_of_quaternion
 from ._robot import Body, Frame, Joint, KinematicModel, Robot
 
 _NOT_KINEMATIC = (
@@ -32,7 +34,7 @@ def load_robot(path: str | os.PathLike, *, fixed: Mapping[str, float] | None = N
     **Raises** `RobotError` if the file cannot be read or holds a ball, free or planar joint, a closed loop, or a
     non-linear coupling; `UnknownNameError` if `fixed` names a joint that is not there.
     """
-    mujoco = _import_mujoco()
+    mujoco = import_mujoco()
     path = Path(path)
     if not path.is_file():
         raise RobotError(f"{path}: there is no such file. Give the path of an MJCF or URDF file.")
@@ -46,20 +48,12 @@ def load_robot(path: str | os.PathLike, *, fixed: Mapping[str, float] | None = N
 
 def load_robot_from_string(xml: str, *, fixed: Mapping[str, float] | None = None, name: str | None = None) -> Robot:
     """Read a robot from the text of an MJCF or URDF file; the rest as `load_robot`."""
-    mujoco = _import_mujoco()
+    mujoco = import_mujoco()
     try:
         spec = mujoco.MjSpec.from_string(xml)
     except ValueError as error:
         raise RobotError(f"the text cannot be read as MJCF or URDF: {error}") from error
     return _robot_of_spec(mujoco, spec, xml.encode(), "the text", fixed, name)
-
-
-def _import_mujoco() -> Any:
-    try:
-        import mujoco
-    except ImportError as error:
-        raise MissingDependencyError("mujoco", "robots") from error
-    return mujoco
 
 
 def _robot_of_spec(mujoco, spec, text, source, fixed, name) -> Robot:
@@ -74,7 +68,7 @@ def _robot_of_spec(mujoco, spec, text, source, fixed, name) -> Robot:
             m.body(i).name or f"body_{i}",
             int(m.body_parentid[i]) if i else -1,
             _numbers(m.body_pos[i]),
-            _numbers(_rotation(m.body_quat[i])),
+            _numbers(rotation_of_quaternion(m.body_quat[i])),
         )
         for i in range(m.nbody)
     )
@@ -147,7 +141,7 @@ def _frames(m, bodies) -> tuple[Frame, ...]:
         name = m.site(i).name
         if name:
             name = f"site:{name}" if name in taken else name
-            rotation = _numbers(_rotation(m.site_quat[i]))
+            rotation = _numbers(rotation_of_quaternion(m.site_quat[i]))
             frames.append(Frame(name, int(m.site_bodyid[i]), _numbers(m.site_pos[i]), rotation))
     return tuple(frames)
 
@@ -190,17 +184,6 @@ def _urdf_velocity_limits(text: bytes, source: str) -> dict[str, float]:
         if velocity > 0.0:
             limits[joint.get("name", "")] = velocity
     return limits
-
-
-def _rotation(quaternion: Any) -> np.ndarray:
-    w, x, y, z = np.asarray(quaternion, dtype=float) / np.linalg.norm(quaternion)
-    return np.array(
-        [
-            [w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), w * w - x * x + y * y - z * z, 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z],
-        ]
-    )
 
 
 def _numbers(array: Any) -> Any:

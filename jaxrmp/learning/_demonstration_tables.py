@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from .._errors import DemonstrationError, RigidTransformError
+from ..kinematics._quaternions import rotation_of_quaternion
 from ._demonstrations import Demonstration
 
 _POSE = ("_x", "_y", "_z", "_qw", "_qx", "_qy", "_qz")
@@ -86,10 +87,7 @@ def _poses(file: Path, name: str, entries: np.ndarray) -> np.ndarray:
             f"{file}: the pose of {name!r} at sample {bad[0]} is no rigid transform: its quaternion has length "
             f"{length[bad[0]]:.4g}, expected 1."
         )
-    w, x, y, z = (entries[:, 3:] / length[:, None]).T
     T = np.zeros((len(entries), 4, 4))
-    T[:, 0, :3] = np.stack([1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)], 1)
-    T[:, 1, :3] = np.stack([2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)], 1)
-    T[:, 2, :3] = np.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], 1)
+    T[:, :3, :3] = rotation_of_quaternion(entries[:, 3:])
     T[:, :3, 3], T[:, 3, 3] = entries[:, :3], 1.0
     return T

@@ -6,6 +6,7 @@ from ._collision_avoidance import CollisionAvoidance as CollisionAvoidance
 from ._damping import Damping as Damping
 from ._formation import Formation as Formation
 from ._joint_limit import JointLimit as JointLimit
+from ._joint_velocity_limit import JointVelocityLimit as JointVelocityLimit
 from ._learned import Learned as Learned
 from ._learned import natural_gradient_field as natural_gradient_field
 from ._nominal_potential import NominalPotential as NominalPotential

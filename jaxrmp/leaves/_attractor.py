@@ -34,6 +34,7 @@ class Attractor(GeometricDynamicalSystem):
     gain: jax.Array | float = 1.0
     damping_rate: jax.Array | float = 2.0
     name: str = static(default="attractor")
+    has_goal = True
 
     def __post_init__(self):
         require(

@@ -4,10 +4,13 @@ from typing import Literal, get_args
 
 import jax
 import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
 
-from .._errors import UnknownNameError
+from .._errors import ConfigurationError, UnknownNameError
 from .._gds import SeparableGDS
 from .._pytree import pytree, static
+from ._barrier import ramp, wall, wall_inertia
 from ._parameters import require
 
 Form = Literal["compact", "power"]
@@ -28,15 +31,19 @@ class CollisionAvoidance(SeparableGDS):
     the push out stays finite and constant, and the certificate holds there too. At the floor the potential is
     `1/2 barrier w(floor)^2` high, which no motion of less energy crosses. At `d = reach`, w has a kink.
 
+    A high barrier in front of little inertia is too stiff for an integrator. With a finite `frequency` it brings its
+    own: the metric `barrier (dw/dd)^2 w^2 / (1 + w^2) / frequency^2` more, damped at `2 frequency`, so that, seen from
+    w and where w is not small, it is a critically damped spring of that frequency, however near.
+
     **Arguments**: `epsilon`, the share of w that is metric at rest; `barrier` (alpha of the paper), energy;
     `damping_rate`, 1/s; `reach`, units of d, and `sigma`, the speed at which the metric takes effect, units of d per
     second, both of the compact form; `floor`, units of d, by default `reach / 50` (compact) or 0.05 (power). Numbers or
-    [m]. `form` is structure.
-    **Raises** `UnknownNameError` for another form; `ConfigurationError` for a reach, sigma or floor that is not
-    positive, or another negative parameter.
+    [m]. `frequency`, 1/s, times the integration step well below one; infinite, the published leaf. `form` is structure.
+    **Raises** `UnknownNameError` for another form; `ConfigurationError` for a reach, sigma, floor or frequency that is
+    not positive, a floor that is not below the reach (compact), or another negative parameter.
 
     RMPflow (Cheng et al. 2018), collision avoidance (power), and as in its experiments (compact). The continuation
-    below the floor is this library's.
+    below the floor and the barrier's inertia are this library's.
     """
 
     epsilon: jax.Array | float = 0.2
@@ -45,31 +52,42 @@ class CollisionAvoidance(SeparableGDS):
     reach: jax.Array | float = 0.07
     sigma: jax.Array | float = 0.5
     floor: jax.Array | float | None = None
+    frequency: jax.Array | float = float("inf")
     form: Form = static(default="compact")
     name: str = static(default="collision_avoidance")
 
     def __post_init__(self):
         if self.form not in get_args(Form):
             raise UnknownNameError("form of collision avoidance", self.form, get_args(Form))
-        require(self, positive=("reach", "sigma", "floor"), non_negative=("epsilon", "barrier", "damping_rate"))
+        require(
+            self,
+            positive=("reach", "sigma", "floor", "frequency"),
+            non_negative=("epsilon", "barrier", "damping_rate"),
+        )
+        limits = (self.floor, self.reach)
+        known = self.floor is not None and not any(isinstance(value, Tracer) for value in limits)
+        if self.form == "compact" and known and not np.all(np.asarray(self.floor) < np.asarray(self.reach)):
+            raise ConfigurationError(f"floor is {self.floor} and reach {self.reach}: expected floor < reach.")
 
     def gap(self, x: jax.Array) -> jax.Array:
         """The smallest distance, for the inspector."""
         return jnp.min(x)
 
     def metric(self, x, xd):
-        w, _ = self._weight_and_slope(x)
+        w, slope = self._weight_and_slope(x)
         v = jnp.minimum(xd, 0)
         u = v * v if self.form == "power" else -jnp.expm1(-(v * v) / (2 * self.sigma**2))
-        return (w * (self.epsilon + u)).astype(x.dtype)
+        period = 1 / self.frequency
+        own = self.barrier * wall_inertia(w, slope) * period * period
+        return (w * (self.epsilon + u) + own).astype(x.dtype)
 
     def potential(self, x):
-        w, slope = self._weight_and_slope(x)
-        beyond = jnp.minimum(x - self._floor(), 0)
-        return (self.barrier * (0.5 * w * w + w * slope * beyond)).astype(x.dtype)
+        walls = wall(*self._weight_and_slope(x), jnp.minimum(x - self._floor(), 0))
+        return (self.barrier * walls).astype(x.dtype)
 
     def damping(self, x, xd):
-        return (self.damping_rate * self.metric(x, xd)).astype(x.dtype)
+        own = 2 * self.barrier * wall_inertia(*self._weight_and_slope(x)) / self.frequency
+        return (self.damping_rate * self.metric(x, xd) + own).astype(x.dtype)
 
     def _floor(self):
         if self.floor is not None:
@@ -79,7 +97,4 @@ class CollisionAvoidance(SeparableGDS):
     def _weight_and_slope(self, x):
         """`w` and `dw/dd`, at the distance or at the floor."""
         d = jnp.maximum(x, self._floor())
-        if self.form == "power":
-            return d**-4, -4 * d**-5
-        w = jnp.maximum(self.reach - d, 0) / d
-        return w, jnp.where(d < self.reach, -self.reach / (d * d), 0)
+        return (d**-4, -4 * d**-5) if self.form == "power" else ramp(d, self.reach)

@@ -27,6 +27,7 @@ class Formation(SeparableGDS):
     gain: jax.Array | float = 1.0
     damping_rate: jax.Array | float = 2.0
     name: str = static(default="formation")
+    has_goal = True
 
     def __post_init__(self):
         require(self, non_negative=("weight", "gain", "damping_rate"))

@@ -8,9 +8,11 @@ from jax.core import Tracer
 from .._errors import RobotError, ShapeError
 from .._gds import SeparableGDS
 from .._pytree import pytree, set_field, static
+from ._barrier import ramp, wall, wall_inertia
 from ._parameters import require
 
 _LEAST = 0.01  # of d, so that the metric stays finite at a limit and constant beyond it
+_NEAREST = 50  # the barrier goes on as a straight line within this part of its reach
 
 
 @pytree
@@ -89,7 +91,7 @@ class JointLimit(SeparableGDS):
 
     def potential(self, x):
         spring = 0.5 * self.weight * self.stiffness * (x - self.rest) ** 2
-        walls = _wall(x - self.lower, self.reach) + _wall(self.upper - x, self.reach)
+        walls = sum(wall(*self._ramp(d), jnp.minimum(d - self.reach / _NEAREST, 0)) for d in self._distances(x))
         return (spring + self.barrier * walls).astype(x.dtype)
 
     def damping(self, x, xd):
@@ -97,22 +99,11 @@ class JointLimit(SeparableGDS):
         return (self.damping_rate * self.metric(x, xd) + own).astype(x.dtype)
 
     def _wall_inertia(self, x):
-        walls = _inertia_at_wall(x - self.lower, self.reach) + _inertia_at_wall(self.upper - x, self.reach)
-        return self.barrier * walls / self.frequency**2
+        inertia = sum(wall_inertia(*self._ramp(d)) for d in self._distances(x))
+        return self.barrier * inertia / self.frequency**2
 
+    def _distances(self, x):
+        return x - self.lower, self.upper - x
 
-def _inertia_at_wall(distance: jax.Array, reach: jax.Array | float) -> jax.Array:
-    """`(dw/dd)^2 w^2 / (1 + w^2)` of the ramp `w = max(reach - d, 0) / d`; constant below `reach / 50`."""
-    d = jnp.maximum(distance, reach / 50)
-    w = jnp.maximum(reach - d, 0) / d
-    slope = reach / (d * d)
-    return slope * slope * w * w / (1 + w * w)
-
-
-def _wall(distance: jax.Array, reach: jax.Array | float) -> jax.Array:
-    """`1/2 (max(reach - d, 0) / d)^2` for distance d, continued below `reach / 50` by its tangent."""
-    nearest = reach / 50
-    d = jnp.maximum(distance, nearest)
-    w = jnp.maximum(reach - d, 0) / d
-    slope = -w * reach / (d * d)
-    return 0.5 * w * w + slope * jnp.minimum(distance - nearest, 0)
+    def _ramp(self, distance):
+        return ramp(jnp.maximum(distance, self.reach / _NEAREST), self.reach)

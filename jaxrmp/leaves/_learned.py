@@ -30,6 +30,7 @@ class Learned(GeometricDynamicalSystem):
     speed: jax.Array | float = 0.2
     damping_rate: jax.Array | float = 20.0
     name: str = static(default="learned")
+    has_goal = True
 
     def __call__(self, x, xd):
         # G = L L^T does not depend on velocity: its curvature terms take one pass along xd and one pass back.

@@ -7,6 +7,7 @@ from jax.core import Tracer
 
 from .._errors import ShapeError
 from .._gds import GeometricDynamicalSystem
+from .._linalg import length
 from .._pytree import pytree, set_field, static
 from .._task_map import check_rigid
 from ._parameters import require
@@ -42,6 +43,7 @@ class OrientationAttractor(GeometricDynamicalSystem):
     damping_rate: jax.Array | float = 10.0
     rounding: jax.Array | float = 0.05
     name: str = static(default="orientation_attractor")
+    has_goal = True
 
     def __post_init__(self):
         if not isinstance(self.R_world_goal, Tracer):
@@ -53,6 +55,11 @@ class OrientationAttractor(GeometricDynamicalSystem):
             check_rigid(T, "R_world_goal")
         set_field(self, "R_world_goal", jnp.asarray(self.R_world_goal))
         require(self, positive=("rounding",), non_negative=("weight", "stiffness", "damping_rate"))
+
+    def gap(self, x: jax.Array) -> jax.Array:
+        """The angle to the goal, rad, for the inspector."""
+        sine = length(x - jnp.asarray(self.R_world_goal, x.dtype).reshape(9)) / 8**0.5  # of half of it
+        return 2 * jnp.arcsin(jnp.minimum(sine, 1 - jnp.finfo(x.dtype).eps))
 
     def metric(self, x, xd):
         return 0.5 * jnp.asarray(self.weight, x.dtype) * jnp.eye(9, dtype=x.dtype)

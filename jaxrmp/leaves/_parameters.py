@@ -8,11 +8,18 @@ from jax.core import Tracer
 from .._errors import ConfigurationError
 
 
-def require(leaf: object, *, positive: Sequence[str] = (), non_negative: Sequence[str] = ()) -> None:
+def require(
+    leaf: object,
+    *,
+    positive: Sequence[str] = (),
+    non_negative: Sequence[str] = (),
+    below_one: Sequence[str] = (),
+) -> None:
     """**Raises** `ConfigurationError` that names the first field of `leaf` outside its range, NaN included."""
     for names, holds, wording in (
         (positive, lambda value: value > 0, "a positive number"),
         (non_negative, lambda value: value >= 0, "a number that is not negative"),
+        (below_one, lambda value: value < 1, "a number below one"),
     ):
         for name in names:
             value = getattr(leaf, name)

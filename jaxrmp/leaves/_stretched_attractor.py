@@ -43,6 +43,7 @@ class StretchedAttractor(GeometricDynamicalSystem):
     gain: jax.Array | float = 1.0
     damping_rate: jax.Array | float = 2.0
     name: str = static(default="stretched_attractor")
+    has_goal = True
 
     def __post_init__(self):
         require(

@@ -1,5 +1,9 @@
 """Rolling policies out."""
 
+from ._arrival import Arrival as Arrival
+from ._arrival import GoalWarning as GoalWarning
+from ._arrival import arrival as arrival
+from ._arrival import warn_if_out_of_reach as warn_if_out_of_reach
 from ._computed_torque import ArmDynamics as ArmDynamics
 from ._computed_torque import Torque as Torque
 from ._computed_torque import arm_dynamics as arm_dynamics
@@ -16,9 +20,9 @@ from ._judge import Problem as Problem
 from ._judge import Status as Status
 from ._judge import StopCriteria as StopCriteria
 from ._judge import Track as Track
-from ._kinematic import Rollout as Rollout
 from ._kinematic import rollout as rollout
 from ._live_trial import INTERFACES as INTERFACES
+from ._rollout import Rollout as Rollout
 from ._run import run as run
 from ._scene_policy import ScenePolicy as ScenePolicy
 from ._stable_step import StiffnessWarning as StiffnessWarning

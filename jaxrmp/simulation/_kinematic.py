@@ -1,26 +1,22 @@
 """Kinematic simulation: joints that do exactly what the policy asks."""
 
+import contextlib
 from functools import partial
-from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
 
-from .._errors import ConfigurationError, ShapeError
+from .._errors import ConfigurationError, RolloutError, ShapeError
 from .._forms import Method
 from .._tree import Node, acceleration
+from ..inspection import goals
+from ._arrival import warn_if_out_of_reach
+from ._rollout import Rollout
+from ._stable_step import warn_if_stiff
 
-
-class Rollout(NamedTuple):
-    """States along a rollout of T steps, the first being the start.
-
-    `time` [T] s, `q` [T, n], `qd` [T, n] per second, `energy` [T], the tree's Lyapunov function.
-    """
-
-    time: jax.Array
-    q: jax.Array
-    qd: jax.Array
-    energy: jax.Array
+_STATES_CHECKED = 8
 
 
 def rollout(
@@ -32,11 +28,16 @@ def rollout(
     dt: float = 0.005,
     substeps: int = 1,
     method: Method = "cholesky",
+    warn: bool = True,
 ) -> Rollout:
     """Roll a policy out from one state by semi-implicit Euler: `qd += dt qdd; q += dt qd`.
 
     **Arguments**: `tree`, a node on joint space; `q` [n], rad or m; `qd` [n], per second, default rest; `duration` and
-    `dt`, seconds; `substeps`, policy evaluations per recorded step of `dt`.
+    `dt`, seconds; `substeps`, policy evaluations per recorded step of `dt`; `warn`, whether a call with numbers checks
+    what it has done: it issues a `StiffnessWarning` that gives the stable step if `dt` is too long for the policy, at
+    the start or at states on the way (`warn_if_stiff`, which compiles the policy once more), and a `GoalWarning` if
+    the arm came to rest away from a goal. Under `jit`, `vmap` and `grad` there are no numbers to check: `gap` is in
+    the result, `arrival(path)` judges it, and `warn_if_stiff` checks a step beforehand.
     **Raises** `ConfigurationError` for times that make no sense, `ShapeError` for shapes that do not fit.
     **Returns** a `Rollout` with `T = round(duration / dt) + 1`. One compiled loop under `jax.jit`; `vmap` over starts.
     Gradients with respect to the tree's parameters go through it; they keep the states, not what made them.
@@ -65,8 +66,19 @@ def rollout(
         return (q + h * qd, qd), None
 
     def record(state, _):
-        return jax.lax.scan(advance, state, length=substeps)[0], (*state, tree.energy(*state))
+        seen = (*state, tree.energy(*state), goals(tree, state[0]))
+        return jax.lax.scan(advance, state, length=substeps)[0], seen
 
     steps = round(duration / dt) + 1
-    _, (q_all, qd_all, energy) = jax.lax.scan(record, (q, qd), length=steps)
-    return Rollout(dt * jnp.arange(steps, dtype=q.dtype), q_all, qd_all, energy)
+    _, (q_all, qd_all, energy, left) = jax.lax.scan(record, (q, qd), length=steps)
+    path = Rollout(dt * jnp.arange(steps, dtype=q.dtype), q_all, qd_all, energy, left.gap, left.names)
+    if warn and not isinstance(path.q, Tracer):
+        _check(tree, path, h, method)
+    return path
+
+
+def _check(tree: Node, path: Rollout, h: float, method: Method) -> None:
+    chosen = np.linspace(0, len(path.q) - 1, _STATES_CHECKED).round().astype(int)
+    with contextlib.suppress(RolloutError):  # of a start that is no number, which the states show
+        warn_if_stiff(tree, path.q[chosen], path.qd[chosen], h, method, stacklevel=4)
+    warn_if_out_of_reach(path, stacklevel=4)

@@ -1,6 +1,7 @@
 """How long a step of explicit integration may be before the policy rings or blows up."""
 
 import warnings
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -16,7 +17,7 @@ class StiffnessWarning(UserWarning):
 
 
 def stable_step(tree: Node, q: jax.Array, qd: jax.Array, method: Method = "cholesky") -> float:
-    """An estimate of the longest stable step of semi-implicit Euler near one state, in seconds.
+    """An estimate of the longest stable step of semi-implicit Euler near one state or several, in seconds.
 
     Of the linearised policy, `k` is the fastest damping rate, the largest real part among the eigenvalues of
     `-d qdd/d qd`, and `w` likewise the largest stiffness of `-d qdd/d q`; `qd += h qdd; q += h qd` is stable for
@@ -24,25 +25,32 @@ def stable_step(tree: Node, q: jax.Array, qd: jax.Array, method: Method = "chole
     springs alone. From half of it on, the velocity already changes sign from step to step (`k h > 1`).
 
     It is exact for one coordinate and an estimate for more, from the worst of both rates; it says nothing about states
-    elsewhere, such as nearer to an obstacle. Not for use under `jax.jit`: eigenvalues are taken on the host. Every call
-    compiles, which for an arm takes up to half a minute: for one check before a long rollout, not for a loop.
+    elsewhere, such as nearer to an obstacle. Not for use under `jax.jit`: eigenvalues are taken on the host. The slopes
+    are central differences of the acceleration, by a program that is compiled once for all trees of one structure, in
+    about the time the policy itself takes.
 
-    **Arguments**: `tree`, a node on joint space; `q` [n], rad or m; `qd` [n], per second; `method`, see `resolve`.
+    **Arguments**: `tree`, a node on joint space; `q` [n], rad or m, and `qd` [n], per second, or [S, n] both, S states,
+    of which the stiffest counts, those without finite derivatives left out; `method`, see `resolve`.
     **Returns** seconds, infinite if nothing there damps or pulls.
-    **Raises** `RolloutError` if the policy's derivatives are not finite there.
+    **Raises** `RolloutError` if the policy has finite derivatives at none of the states.
+
+    >>> from jaxrmp.leaves import Damping
+    >>> round(stable_step(Damping(weight=1.0, damping_rate=20.0), jnp.zeros(2), jnp.ones(2)), 4)
+    0.1
     """
-    k, w = _rates(tree, q, qd, method)
-    return _step(k, w)
+    return _step(*_worst(tree, q, qd, method))
 
 
-def warn_if_stiff(tree: Node, q: jax.Array, qd: jax.Array, dt: float, method: Method = "cholesky") -> float:
+def warn_if_stiff(
+    tree: Node, q: jax.Array, qd: jax.Array, dt: float, method: Method = "cholesky", stacklevel: int = 2
+) -> float:
     """Warn if explicit integration by steps of `dt` seconds rings or blows up near a state; arguments as `stable_step`.
 
     Issues a `StiffnessWarning` that gives the stable step where `dt` is above half of it: there damping
-    overshoots zero velocity at every step (`k dt > 1`), and limit cycles start.
+    overshoots zero velocity at every step (`k dt > 1`), and limit cycles start. `stacklevel` is `warnings.warn`'s.
     **Returns** the stable step, seconds.
     """
-    k, w = _rates(tree, q, qd, method)
+    k, w = _worst(tree, q, qd, method)
     longest = _step(k, w)
     if dt > longest / 2:
         what = "is unstable" if dt > longest else "may ring"
@@ -51,26 +59,45 @@ def warn_if_stiff(tree: Node, q: jax.Array, qd: jax.Array, dt: float, method: Me
             f"times step squared {w * dt * dt:.3g}. The longest stable step here is {longest:.3g} s, and half "
             f"of it does not ring: use rollout(..., substeps={int(np.ceil(2 * dt / longest))}) or a smaller dt.",
             StiffnessWarning,
-            stacklevel=2,
+            stacklevel=stacklevel,
         )
     return longest
 
 
-def _rates(tree: Node, q: jax.Array, qd: jax.Array, method: Method) -> tuple[float, float]:
-    """Fastest damping rate, 1/s, and largest stiffness, 1/s^2, of the linearised policy; not below zero."""
-    q, qd = jnp.asarray(q), jnp.asarray(qd)
-    # Compiled, since an arm's kinematics are slower still operation by operation. The tree is closed over: it may hold
-    # plain functions, which cannot be arguments of a compiled function.
-    slopes = jax.jit(jax.jacfwd(lambda q, qd: acceleration(tree, q, qd, method), argnums=(1, 0)))(q, qd)
+def _worst(tree: Node, q: jax.Array, qd: jax.Array, method: Method) -> tuple[float, float]:
+    """Of the state with the shortest stable step: fastest damping rate, 1/s, and largest stiffness, 1/s^2."""
+    states = [jnp.atleast_2d(jnp.asarray(part, jnp.result_type(part, float))) for part in (q, qd)]
+    if all(isinstance(leaf, jax.Array | np.ndarray | np.generic | float | int) for leaf in jax.tree.leaves(tree)):
+        slopes = _slopes(tree, *states, method=method)
+    else:  # plain functions cannot be arguments of a compiled function, and so this program serves one tree only
+        slopes = jax.jit(lambda q, qd: _differences(tree, q, qd, method))(*states)
     D, K = (-np.asarray(slope, float) for slope in slopes)
-    if not (np.isfinite(D).all() and np.isfinite(K).all()):
-        raise RolloutError(
-            f"the policy's derivatives are not finite at q = {np.asarray(q).tolist()}, qd = {np.asarray(qd).tolist()}."
-        )
-    k, w = (max(float(np.linalg.eigvals(A).real.max()), 0.0) for A in (D, K))
-    return k, w
+    finite = (np.isfinite(D) & np.isfinite(K)).all((1, 2))
+    if not finite.any():
+        at = (np.asarray(part)[0].tolist() for part in states)
+        raise RolloutError("the policy's derivatives are not finite at q = {}, qd = {}.".format(*at))
+    rates = [np.linalg.eigvals(A[finite]).real.max(-1).clip(0) for A in (D, K)]
+    return min(zip(*(rate.tolist() for rate in rates), strict=True), key=lambda kw: _step(*kw))
+
+
+def _differences(tree: Node, q: jax.Array, qd: jax.Array, method: Method) -> tuple[jax.Array, jax.Array]:
+    """`d qdd/d qd` and `d qdd/d q` [S, n, n] by central differences.
+
+    Derivatives by autodiff would be exact, but take an arm three times as long to compile.
+    """
+    n, x = q.shape[1], jnp.concatenate([q, qd], axis=1)
+    h = jnp.finfo(x.dtype).eps ** (1 / 3) * jnp.maximum(jnp.abs(x), 1)
+    step = h[:, :, None] * jnp.eye(2 * n, dtype=x.dtype)
+    around = jnp.stack([x[:, None] + step, x[:, None] - step], axis=2)  # [S, 2n, 2, 2n]
+    qdd = jax.lax.map(lambda x: acceleration(tree, x[:n], x[n:], method), around.reshape(-1, 2 * n))
+    ahead, behind = jnp.moveaxis(qdd.reshape(*around.shape[:3], n), 2, 0)
+    slopes = jnp.swapaxes((ahead - behind) / (2 * h[:, :, None]), 1, 2)
+    return slopes[..., n:], slopes[..., :n]
+
+
+_slopes = partial(jax.jit, static_argnames="method")(_differences)
 
 
 def _step(k: float, w: float) -> float:
-    rate = k + np.sqrt(k * k + 4 * w)
-    return float(4 / rate) if rate > 0 else float("inf")
+    rate = k + (k * k + 4 * w) ** 0.5
+    return 4 / rate if rate > 0 else float("inf")

@@ -12,7 +12,8 @@ import numpy as np
 from .._errors import ConfigurationError, RobotError
 from .._pytree import pytree, set_field, static
 from ..kinematics import PANDA_MODEL, ControlPoints, Robot
-from ..kinematics._load import _import_mujoco, _rotation
+from ..kinematics._mujoco import import_mujoco
+from ..kinematics._quaternions import rotation_of_quaternion
 from ._cover import cover_box, cover_capsule, cover_convex_hull, cover_cylinder, cover_ellipsoid
 from ._obstacles import refuse_negative
 
@@ -76,7 +77,7 @@ def spheres_from_model(
 
 def geometry_of_model(source: str | os.PathLike) -> Any:
     """The compiled MuJoCo model of a file, with all its bodies and geometry. **Raises** `RobotError`."""
-    mujoco = _import_mujoco()
+    mujoco = import_mujoco()
     if not Path(source).is_file():
         raise RobotError(f"{source}: there is no such file. Give the path of an MJCF or URDF file.")
     try:
@@ -105,7 +106,7 @@ def _cover_model(m, max_error, only, source) -> RobotSpheres:
         if found is None:
             continue
         centers, sizes, stick_out = found
-        offsets.append(m.geom_pos[g] + centers @ _rotation(m.geom_quat[g]).T)
+        offsets.append(m.geom_pos[g] + centers @ rotation_of_quaternion(m.geom_quat[g]).T)
         radii.append(sizes)
         names += [name] * len(sizes)
         error = max(error, stick_out)
@@ -117,7 +118,7 @@ def _cover_model(m, max_error, only, source) -> RobotSpheres:
 
 
 def _cover_geometry(m, g: int, max_error: float) -> Any:
-    mujoco = _import_mujoco()
+    mujoco = import_mujoco()
     kind, size = mujoco.mjtGeom(m.geom_type[g]), m.geom_size[g]
     if kind == mujoco.mjtGeom.mjGEOM_SPHERE:
         return cover_capsule(size[0], 0.0, max_error)

@@ -31,7 +31,7 @@ OPTIONAL = [
 ALWAYS = {"jax", "numpy"}
 OWNERS = {"learning/_metric_network.py": {"flax"}, "learning/_metric_training.py": {"optax"}}
 OWNING_PARTS = {"synthetic": {"scipy"}, "visualization": {"matplotlib", "mpl_toolkits"}}
-LAZY_IN_CORE = {"kinematics/_load.py": {"mujoco"}}
+LAZY_IN_CORE = {"kinematics/_mujoco.py": {"mujoco"}}
 
 # Which parts of jaxrmp a part may import, itself and the core (`jaxrmp/*.py`) aside.
 LAYERS = {
@@ -42,7 +42,7 @@ LAYERS = {
     "inspection": set(),
     "io": {"kinematics", "leaves", "world"},
     "scenes": {"kinematics", "world"},
-    "simulation": {"kinematics", "leaves", "scenes", "world"},
+    "simulation": {"inspection", "kinematics", "leaves", "scenes", "world"},
     "learning": {"leaves", "kinematics", "simulation"},
     "synthetic": {"kinematics", "learning"},
     "evaluation": {"leaves", "kinematics", "learning", "scenes", "simulation", "world"},

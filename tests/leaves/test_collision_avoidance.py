@@ -70,8 +70,12 @@ def test_below_the_floor_it_is_finite_constant_and_outwards(leaf):
 
 @pytest.mark.parametrize(
     ("leaf", "low", "high"),
-    [(CollisionAvoidance(**COMPACT), -0.05, 0.3), (CollisionAvoidance(**POWER), -0.2, 2.0)],
-    ids=["compact", "power"],
+    [
+        (CollisionAvoidance(**COMPACT), -0.05, 0.3),
+        (CollisionAvoidance(**POWER), -0.2, 2.0),
+        (CollisionAvoidance(**COMPACT, frequency=40.0), -0.05, 0.3),
+    ],
+    ids=["compact", "power", "with inertia"],
 )
 def test_certificate_outside_at_contact_and_inside(leaf, low, high, assert_certified, assert_single):
     rng = np.random.default_rng(0)
@@ -97,6 +101,20 @@ def test_a_pull_into_an_obstacle_does_not_enter_it():
         assert distance(path) > 0, gains
 
 
+@pytest.mark.parametrize(("start", "push"), [(0.005, 0.0), (0.03, 30.0)])
+def test_little_mass_meets_a_high_barrier_in_steps_of_a_millisecond(start, push):
+    """Released inside it, or pushed against it, it comes to rest; without the barrier's own inertia it does not."""
+    pull = Attractor(at(-5.0), weight_near=0.02, weight_far=0.02, gain=push / 0.02, damping_rate=0.0)
+    rises = {}
+    for frequency in (float("inf"), 60.0):
+        leaf = CollisionAvoidance(epsilon=0.01, barrier=0.1, reach=0.1, floor=0.002, frequency=frequency)
+        path = rollout(pull + leaf, at(start), duration=1.0, dt=1e-3)
+        rises[frequency] = np.diff(np.asarray(path.energy)).max() / np.ptp(path.energy)
+    assert np.asarray(path.q).min() > 0.002 and np.abs(path.qd).max() < 10
+    assert push == 0 or abs(float(path.qd[-1, 0])) < 1e-3
+    assert rises[60.0] < 1e-3 < 1e-2 < rises[float("inf")]
+
+
 def test_no_retrace_and_structure(traces_of):
     assert traces_of(CollisionAvoidance(), jnp.array([0.01])) == 1
     assert traces_of(CollisionAvoidance(floor=0.02), jnp.array([0.01])) == 1
@@ -105,6 +123,15 @@ def test_no_retrace_and_structure(traces_of):
 def test_bad_parameters_are_named():
     with pytest.raises(UnknownNameError, match="unknown form of collision avoidance 'powr'. Did you mean 'power'"):
         CollisionAvoidance(form="powr")
-    for name, value in (("reach", 0.0), ("sigma", -1.0), ("floor", 0.0), ("barrier", -1e-5), ("epsilon", np.nan)):
+    for name, value in (
+        ("reach", 0.0),
+        ("sigma", -1.0),
+        ("floor", 0.0),
+        ("barrier", -1e-5),
+        ("epsilon", np.nan),
+        ("frequency", 0.0),
+    ):
         with pytest.raises(ConfigurationError, match=f"{name} of CollisionAvoidance is {value}, expected"):
             CollisionAvoidance(**{name: value})
+    with pytest.raises(ConfigurationError, match=r"floor is 0.07 and reach 0.07: expected floor < reach"):
+        CollisionAvoidance(floor=0.07)

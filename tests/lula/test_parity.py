@@ -1,9 +1,6 @@
 """The published test vector of NVIDIA's RMPflow for the Franka."""
 
 import dataclasses
-import json
-import os
-from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -13,37 +10,9 @@ import pytest
 from jaxrmp import ConfigurationError, ShapeError, UnknownNameError, uncertified_leaves
 from jaxrmp.io import load_lula
 from jaxrmp.kinematics import ControlPoints, forward_kinematics
-from jaxrmp.world import Boxes, Spheres, World
+from jaxrmp.world import Spheres, World
 
-
-@pytest.fixture(scope="module")
-def folder() -> Path:
-    folder = Path(os.environ.get("JAXRMP_DATA") or os.devnull) / "lula"
-    if not folder.is_dir():
-        pytest.skip("needs NVIDIA's published files: set JAXRMP_DATA to the folder that holds lula/")
-    return folder
-
-
-@pytest.fixture(scope="module")
-def golden(folder):
-    return json.loads((folder / "golden_franka.json").read_text())
-
-
-@pytest.fixture(scope="module")
-def policy(folder, golden):
-    return load_lula(*(folder / golden[name] for name in ("urdf", "xrdf", "config")))
-
-
-def world_of(golden):
-    spheres, boxes = [], []
-    for obstacle in golden["obstacles"]:
-        if obstacle["type"] == "sphere":
-            spheres.append((obstacle["center"], obstacle["radius"]))
-        else:
-            T = np.eye(4)
-            T[:3, 3] = obstacle["center"]
-            boxes.append((T, np.array(obstacle["side_lengths"]) / 2))
-    return World(spheres=Spheres.of(spheres, capacity=4), boxes=Boxes.of(boxes, capacity=2))
+from .conftest import world_of
 
 
 def golden_tree(policy, golden):

@@ -1,5 +1,6 @@
 """The stable step: known rates, and what rollouts do on both sides of it."""
 
+import dataclasses
 import warnings
 
 import jax
@@ -50,7 +51,10 @@ def test_rates_are_seen_through_task_maps():
 def test_rollouts_settle_below_it_and_grow_above_it(stiffness):
     policy = linear([2.0], [2 * stiffness], [40.0])
     h = stable_step(policy, X[:1], V[:1])
-    speed = {s: np.abs(rollout(policy, X[:1], V[:1], duration=400 * s * h, dt=s * h).qd[-1, 0]) for s in (0.95, 1.05)}
+    speed = {
+        s: np.abs(rollout(policy, X[:1], V[:1], duration=400 * s * h, dt=s * h, warn=False).qd[-1, 0])
+        for s in (0.95, 1.05)
+    }
     assert speed[0.95] < 1e-3 and speed[1.05] > 1e2
 
 
@@ -69,3 +73,31 @@ def test_derivatives_that_are_not_finite_are_refused():
     singular = linear([0.0], [1.0], [1.0])
     with pytest.raises(RolloutError, match=r"not finite at q = \[0.3\]"):
         stable_step(singular, X[:1], V[:1])
+
+
+def test_of_several_states_the_stiffest_counts_and_one_program_serves_all_gains():
+    traces = []
+
+    def drag(rate, x, xd):
+        traces.append(1)
+        return rate * jnp.diag(1 + x * x)
+
+    policy = dataclasses.replace(linear([1.0], [0.0], [0.0]), damping_of=Partial(drag, 10.0))
+    q = np.array([[0.0], [2.0], [np.nan]])
+    assert stable_step(policy, q, 0 * q) == pytest.approx(2 / 50)
+    before = len(traces)
+    faster = dataclasses.replace(policy, damping_of=Partial(drag, 20.0))
+    assert stable_step(faster, q, 0 * q) == pytest.approx(2 / 100)
+    assert len(traces) == before
+
+
+def test_a_rollout_with_numbers_warns_and_a_traced_one_does_not():
+    policy = linear([1.0], [0.0], [50.0])
+    with pytest.warns(StiffnessWarning, match=r"damping rate times step is 1.25.*longest stable step here is 0.04 s"):
+        rollout(policy, X[:1], V[:1], duration=0.1, dt=0.025)
+    with pytest.warns(StiffnessWarning, match="is unstable"):  # beyond the numbers themselves, too
+        rollout(policy, X[:1], V[:1], duration=200.0, dt=1.0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        rollout(policy, X[:1], V[:1], duration=0.1, dt=0.025, substeps=2)
+        jax.jit(lambda q: rollout(policy, q, duration=0.1, dt=0.025))(X[:1])

@@ -67,7 +67,7 @@ def reproduction(demonstrations, rise=3e-7):
     q = np.exp(-time)[..., None] * np.ones(7)
     points = np.stack([p[::2] + 0.01 for p in demonstrations.points])
     errors = [{"dtw_cm": 1.0 + n, "energy_increase": rise / (n + 1)} for n in range(3)]
-    return Reproduction(Rollout(time, q, -q, energy), points, tuple(errors))
+    return Reproduction(Rollout(time, q, -q, energy, np.zeros((3, 21, 0)), ()), points, tuple(errors))
 
 
 @pytest.fixture

@@ -7,6 +7,7 @@ from ..._forms import DiagonalForm
 from ..._pytree import pytree, static
 from ..._tree import SeparableLeaf
 from .._parameters import require
+from ._elementwise import length
 from ._position_target import proximity_boost
 
 
@@ -37,6 +38,7 @@ class AxisTarget(SeparableLeaf):
     proximity_metric_boost_scalar: jax.Array | float = 3000.0
     proximity_metric_boost_length_scale: jax.Array | float = 0.02
     name: str = static(default="axis_target")
+    has_goal = True
     certified = False
 
     def __post_init__(self):
@@ -45,6 +47,10 @@ class AxisTarget(SeparableLeaf):
             positive=("proximity_metric_boost_length_scale",),
             non_negative=("accel_p_gain", "accel_d_gain", "metric_scalar", "proximity_metric_boost_scalar"),
         )
+
+    def gap(self, x: jax.Array) -> jax.Array:
+        """The distance left between the two unit vectors, for the inspector."""
+        return length(jnp.asarray(self.target, x.dtype) - x[:3])
 
     def evaluate(self, x, xd):
         a = self.accel_p_gain * (jnp.asarray(self.target, x.dtype) - x[:3]) - self.accel_d_gain * xd[:3]

@@ -38,6 +38,7 @@ class PositionTarget(Leaf):
     proximity_metric_boost_scalar: jax.Array | float = 20.0
     proximity_metric_boost_length_scale: jax.Array | float = 0.02
     name: str = static(default="position_target")
+    has_goal = True
     certified = False
 
     def __post_init__(self):
