@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from ..kinematics._load import _import_mujoco
+from ..kinematics._mujoco import import_mujoco
 from ._parts import LIGHT_WOOD, METAL, WOOD, add_body, add_box, upright
 
 APPROACH = np.array([-0.506, 0.862, 0.0]) / np.hypot(0.506, 0.862)
@@ -27,7 +27,7 @@ DOOR_JOINT = "door_hinge"
 
 def add_door(spec: Any, thing: Any) -> None:
     """The cabinet, fixed in the object's frame, and the door on its hinge; 0 rad is where it stood when shown."""
-    mujoco = _import_mujoco()
+    mujoco = import_mujoco()
     along = np.array([APPROACH[1], -APPROACH[0], 0.0])  # from the free edge to the hinge
     hinge = _STANDOFF + (_TO_DOOR + 0.01) * APPROACH + _TO_HINGE * along
     # x points from the hinge along the door to its free edge, y (z up) to the outside.

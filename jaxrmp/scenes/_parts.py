@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from ..kinematics import PANDA_MODEL
-from ..kinematics._load import _import_mujoco
+from ..kinematics._mujoco import import_mujoco
 
 FINGER_WIDTH = 0.04  # each finger's joint, m: as `panda()` fixes them and as the recordings of the paper have them
 WOOD = [0.76, 0.6, 0.42, 1.0]
@@ -15,7 +15,7 @@ METAL = [0.35, 0.36, 0.38, 1.0]
 
 def arm_spec() -> Any:
     """The built-in Panda as an editable MuJoCo model, its fingers fixed open at `FINGER_WIDTH`, over a floor."""
-    mujoco = _import_mujoco()
+    mujoco = import_mujoco()
     spec = mujoco.MjSpec.from_file(str(PANDA_MODEL))
     for key in list(spec.keys):
         spec.delete(key)
@@ -70,7 +70,7 @@ def add_body(parent: Any, name: str, position: Any, axes: np.ndarray | None = No
 
 def add_box(body: Any, name: str, center: Any, half: Any, rgba: Any, mass: float = 0.0, touches: bool = True) -> None:
     """A box in a body; if it `touches`, the arm can touch it (and nothing else does)."""
-    mujoco = _import_mujoco()
+    mujoco = import_mujoco()
     body.add_geom(
         name=name,
         type=mujoco.mjtGeom.mjGEOM_BOX,
@@ -95,7 +95,7 @@ def add_camera(spec: Any, position: Any, target: Any, degrees: float = 45.0) -> 
 
 def quaternion(R: np.ndarray) -> np.ndarray:
     """The unit quaternion (w, x, y, z) of a rotation matrix."""
-    mujoco = _import_mujoco()
+    mujoco = import_mujoco()
     quat = np.zeros(4)
     mujoco.mju_mat2Quat(quat, np.ascontiguousarray(R, float).ravel())
     return quat

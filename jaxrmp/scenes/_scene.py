@@ -8,7 +8,7 @@ import numpy as np
 from .._errors import ConfigurationError, UnknownNameError
 from .._task_map import check_rigid
 from ..kinematics import Robot, panda
-from ..kinematics._load import _import_mujoco
+from ..kinematics._mujoco import import_mujoco
 from ..world import Capsules, World
 from ._door import DOOR_JOINT, add_door
 from ._drawer import DRAWER_JOINT, OPENING, add_drawer
@@ -64,7 +64,7 @@ class Scene:
         **Raises** `ConfigurationError` if `q` is not [n], or in collision with what must not be touched or with the
         arm itself.
         """
-        mujoco = _import_mujoco()
+        mujoco = import_mujoco()
         q = np.asarray(q, float)
         if q.shape != (self.robot.num_joints,) or not np.isfinite(q).all():
             raise ConfigurationError(f"q is {q.tolist()}, expected {self.robot.num_joints} finite joint positions.")
@@ -97,7 +97,7 @@ class Scene:
 
     def object_pose(self, data: Any) -> np.ndarray:
         """`T_world_object` [4, 4], the frame that skills speak of."""
-        mujoco = _import_mujoco()
+        mujoco = import_mujoco()
         R = np.zeros(9)
         mujoco.mju_quat2Mat(R, data.mocap_quat[0])
         T = np.eye(4)
@@ -121,7 +121,7 @@ class Scene:
 
     def clearance(self, data: Any) -> float:
         """Least distance of the arm's geometry to what it must not touch, the floor aside, m; at most 1."""
-        mujoco = _import_mujoco()
+        mujoco = import_mujoco()
         m, least = self.model, _FAR
         x, reach = data.geom_xpos, m.geom_rbound
         for b in self.forbidden:
@@ -223,7 +223,7 @@ def _default_pose(door: bool) -> np.ndarray:
 
 
 def _add_cylinder(spec: Any, cylinder: Cylinder) -> None:
-    mujoco = _import_mujoco()
+    mujoco = import_mujoco()
     body = spec.worldbody.add_body(name="cylinder", mocap=True)
     r, h = cylinder.radius, cylinder.height
     seen = {"rgba": [0.8, 0.3, 0.2, 1.0], "contype": 0, "conaffinity": 0}

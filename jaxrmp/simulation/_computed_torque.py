@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..kinematics._load import _import_mujoco
+from ..kinematics._mujoco import import_mujoco
 
 
 class Torque(NamedTuple):
@@ -63,7 +63,7 @@ def arm_dynamics(model: Any, data: Any, dofs: np.ndarray) -> ArmDynamics:
 
     The other joints count as free to move on their own: right for an arm that stands apart from the furniture.
     """
-    mujoco = _import_mujoco()
+    mujoco = import_mujoco()
     M = np.empty((model.nv, model.nv))
     if hasattr(data, "qM"):  # MuJoCo before 3.4
         mujoco.mj_fullM(model, M, data.qM)

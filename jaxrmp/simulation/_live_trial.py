@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from ..kinematics._load import _import_mujoco
+from ..kinematics._mujoco import import_mujoco
 from ..scenes import Scene
 from ._computed_torque import arm_dynamics, computed_torque, tracking_acceleration, within_velocity_limits
 from ._tracker import TrackerSettings, lost, observe, start_tracker
@@ -32,7 +32,7 @@ class LiveTrial:
         interface: str,
         seed: tuple[int, ...],
     ):
-        self._mujoco = _import_mujoco()
+        self._mujoco = import_mujoco()
         self.scene = scene.with_object(trial.T_world_object)
         if trial.cylinder is not None:
             self.scene = self.scene.with_cylinder(trial.cylinder)
