@@ -12,12 +12,17 @@ import numpy as np
 from .._errors import ConfigurationError, RolloutError
 from .._files import atomic_write
 from ._output import made_by, progress_bar, write_json
+from ._engines import again_with_fast_xla, engine_of, needs_fast_xla
 from ._processes import joined, spawn
 
 
 def run(arguments: argparse.Namespace, rest: list[str]) -> None:
     if arguments.processes > 1 and arguments.process is None:
-        spawn(arguments.processes)
+        spawn(arguments.processes, arguments.command_line)
+        return
+    if needs_fast_xla(arguments):
+        if code := again_with_fast_xla(arguments.command_line):
+            raise RolloutError(f"the child process ended with exit code {code}; see above.")
         return
     _prepare_jax(arguments)
     import jax
@@ -25,7 +30,6 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
     from ..evaluation import check_starts, evaluate, limit_leaf, replay, report, sample_starts, write_page
     from ..learning import load_skill
     from ..simulation import StopCriteria
-    from ._engines import engine_of
     from ._sources import robot_of
 
     skill = load_skill(arguments.skill)

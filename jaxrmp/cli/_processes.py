@@ -7,7 +7,7 @@ import sys
 from .._errors import ConfigurationError, RolloutError
 
 
-def spawn(processes: int) -> None:
+def spawn(processes: int, command_line: list[str]) -> None:
     """Run this same command as so many processes on this machine, and wait for them.
 
     **Raises** `RolloutError` if one fails; the others are ended then.
@@ -15,7 +15,7 @@ def spawn(processes: int) -> None:
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         coordinator = f"127.0.0.1:{probe.getsockname()[1]}"
-    command = [sys.executable, "-m", "jaxrmp", *sys.argv[1:], "--coordinator", coordinator, "--process"]
+    command = [sys.executable, "-m", "jaxrmp", *command_line, "--coordinator", coordinator, "--process"]
     children = [subprocess.Popen([*command, str(i)]) for i in range(processes)]
     try:
         codes = _wait(children)

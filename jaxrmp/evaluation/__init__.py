@@ -16,6 +16,8 @@ from ._regions import regions as regions
 from ._report import KINDS as KINDS
 from ._report import report as report
 from ._rest_points import rest_points as rest_points
+from ._scene_problem import scene_problem as scene_problem
+from ._scene_problem import scene_world as scene_world
 from ._stability import goal_hessians as goal_hessians
 from ._stability import learned_metrics as learned_metrics
 from ._stability import stationary_points as stationary_points

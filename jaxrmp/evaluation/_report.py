@@ -34,6 +34,7 @@ def report(evaluation: Evaluation, skill: Skill, problem: Problem, *, stationary
     """
     kind, track = evaluation.ends.kind, evaluation.outcomes.track
     N = len(kind)
+    touched = track.clearance < 0 if evaluation.engine == "kinematic" else track.touched > 0
     found: dict[str, Any] = {
         "starts": N,
         **_shares(kind),
@@ -45,7 +46,8 @@ def report(evaluation: Evaluation, skill: Skill, problem: Problem, *, stationary
         ),
         "limit_stops": _limit_stops(evaluation),
         "min_clearance_m": float(track.clearance.min()),
-        "starts_that_touched": int((track.clearance < 0).sum()),
+        "starts_that_touched": int(touched.sum()),
+        "without_touch": _without_touch(evaluation, ~touched),
         "min_limit_margin_rad": float(track.margin.min()),
         "starts_that_crossed_a_limit": int((track.margin < 0).sum()),
         "max_joint_speed_rad_s": float(track.speed.max()),
@@ -100,6 +102,17 @@ def _subtask(stacked: Any, k: int) -> Any:
 
 def _shares(kind: np.ndarray) -> dict[str, float]:
     return {name: float((kind == end).mean()) for end, name in KINDS.items()}
+
+
+def _without_touch(evaluation: Evaluation, free: np.ndarray) -> dict[str, Any] | None:
+    """The main figures of the rollouts that touched nothing, which is all that the certificate speaks of."""
+    if not free.any():
+        return None
+    return {
+        "starts": int(free.sum()),
+        **_shares(evaluation.ends.kind[free]),
+        "max_energy_increase": float(evaluation.energy_increase[free].max()),
+    }
 
 
 def _quantiles(values: np.ndarray) -> dict[str, float] | None:

@@ -85,7 +85,7 @@ class Track(NamedTuple):
     `status`; `steps` taken; `still`, steps at rest so far; `energy` V at the start; `least`, the least V so far;
     `rise`, the largest rise of V above its least value before; `speed`, the fastest joint speed; `margin`, the
     smallest distance of a joint to its limits; `clearance`, the smallest there was, m; `touching`, how many contacts
-    the arm has with anything, in physics.
+    there are in physics, and `touched`, in how many steps there were some.
     """
 
     status: jax.Array
@@ -98,13 +98,14 @@ class Track(NamedTuple):
     margin: jax.Array
     clearance: jax.Array
     touching: jax.Array
+    touched: jax.Array
 
     @classmethod
     def fresh(cls, count: int) -> "Track":
         """Of `count` starts that have not moved."""
         zeros, floats = np.zeros(count, np.int32), np.zeros(count, np.float32)
         far = np.full(count, np.inf, np.float32)
-        return cls(zeros, zeros, zeros, floats, far, floats, floats, far, far, zeros)
+        return cls(zeros, zeros, zeros, floats, far, floats, floats, far, far, zeros, zeros)
 
 
 def judge(
@@ -136,6 +137,7 @@ def judge(
         margin=jnp.minimum(track.margin, margin),
         clearance=track.clearance,
         touching=track.touching,
+        touched=track.touched,
     )
     ended = track.status != Status.RUNNING
     diverged = status == Status.DIVERGED
