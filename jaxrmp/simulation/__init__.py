@@ -12,8 +12,8 @@ from ._computed_torque import tracking_acceleration as tracking_acceleration
 from ._computed_torque import within_velocity_limits as within_velocity_limits
 from ._devices import Devices as Devices
 from ._engine import Engine as Engine
-from ._engine import largest_batch as largest_batch
 from ._engine import Outcomes as Outcomes
+from ._engine import largest_batch as largest_batch
 from ._engine import simulate as simulate
 from ._engine_kinematic import KinematicEngine as KinematicEngine
 from ._engine_mjx import FAST_ON_CPU as FAST_ON_CPU
@@ -25,9 +25,9 @@ from ._judge import StopCriteria as StopCriteria
 from ._judge import Track as Track
 from ._kinematic import rollout as rollout
 from ._live_trial import INTERFACES as INTERFACES
+from ._physical_arm import PhysicalArm as PhysicalArm
 from ._physical_arm import arm_alone as arm_alone
 from ._physical_arm import arm_in_scene as arm_in_scene
-from ._physical_arm import PhysicalArm as PhysicalArm
 from ._rollout import Rollout as Rollout
 from ._run import run_trials as run_trials
 from ._scene_policy import ScenePolicy as ScenePolicy
