@@ -188,7 +188,7 @@ def test_a_leaf_without_fields_that_has_a_goal_has_it_at_the_origin():
 
 def test_a_leaf_that_is_about_no_place_has_no_gap():
     assert all(jnp.isnan(gap(leaf, jnp.ones(2))) for leaf in (Drag(), Damping(), lula.Inertia()))
-    found = inspect(Damping() + Attractor(jnp.asarray([3.0, 4.0])), jnp.zeros(2), jnp.zeros(2))
+    found = jax.jit(inspect)(Damping() + Attractor(jnp.asarray([3.0, 4.0])), jnp.zeros(2), jnp.zeros(2))
     assert [line.split()[-3] for line in table(found).splitlines()[1:]] == ["5", "nan"]
     assert table(found, rows=0).splitlines()[1].split()[-3] == "5"
 
