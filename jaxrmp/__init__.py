@@ -12,6 +12,7 @@ from ._errors import ConfigurationError as ConfigurationError
 from ._errors import ConvexProgramError as ConvexProgramError
 from ._errors import DemonstrationError as DemonstrationError
 from ._errors import JaxrmpError as JaxrmpError
+from ._errors import LeafError as LeafError
 from ._errors import MissingDependencyError as MissingDependencyError
 from ._errors import RigidTransformError as RigidTransformError
 from ._errors import RobotError as RobotError

@@ -27,6 +27,10 @@ class UnknownNameError(JaxrmpError, ValueError):
         self.kind, self.name, self.valid = kind, name, tuple(options)
 
 
+class LeafError(JaxrmpError, TypeError):
+    """A class of leaves is written in a way that trees would pass over."""
+
+
 class RobotError(JaxrmpError, ValueError):
     """A robot description cannot be read, or holds something that jaxrmp's kinematics cannot express."""
 
@@ -40,7 +44,7 @@ class DemonstrationError(JaxrmpError, ValueError):
 
 
 class ConfigurationError(JaxrmpError, ValueError):
-    """A configuration file is missing, unreadable, or holds a value that is not allowed."""
+    """An argument or an entry of a configuration holds a value that is not allowed, or its file cannot be read."""
 
 
 class ConvexProgramError(JaxrmpError, RuntimeError):

@@ -18,10 +18,11 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
-from ._errors import ConfigurationError, RigidTransformError, ShapeError
+from ._errors import RigidTransformError, ShapeError
 from ._forms import DiagonalForm, Form, NaturalForm
 from ._linalg import length
 from ._pytree import pytree, set_field, static
+from ._ranges import require
 
 
 class Pushforward(NamedTuple):
@@ -95,6 +96,12 @@ def transport(task_map: Callable[[jax.Array], jax.Array], x: jax.Array, xd: jax.
     """Carry the state `(x, xd)` through `task_map`, with the function that pulls forms back; see `Transport`.
 
     **Arguments** and **raises** as `pushforward`.
+
+    >>> there = transport(lambda x: 3.0 * x, jnp.ones(1), jnp.ones(1))
+    >>> there.yd.tolist(), there.pull(NaturalForm(jnp.ones(1), jnp.eye(1))).M.tolist()
+    ([3.0], [[9.0]])
+
+    Rana et al. 2019, equation 9.
     """
     if isinstance(task_map, TaskMap):
         return task_map.transport(x, xd)
@@ -271,8 +278,7 @@ class Distance(TaskMap):
     radius: jax.Array | float = 0.0
 
     def __post_init__(self):
-        if not isinstance(self.radius, Tracer) and not np.all(np.asarray(self.radius) >= 0):
-            raise ConfigurationError(f"radius of Distance is {self.radius}: it must not be negative.")
+        require(self, non_negative=("radius",))
 
     def __call__(self, x):
         return (length(x - jnp.asarray(self.center, x.dtype)) - self.radius)[None].astype(x.dtype)

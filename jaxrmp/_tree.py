@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 import jax
 import jax.numpy as jnp
 
-from ._errors import ShapeError
+from ._errors import LeafError, ShapeError
 from ._forms import Form, Method, NaturalForm, resolve
 from ._pytree import pytree, static
 from ._task_map import transport
@@ -50,11 +50,23 @@ class Leaf(Node):
 
     A leaf that is not keeps the energies of the others but voids their sum as a certificate: it inherits the zero
     energy below and sets `certified = False`.
+
+    Subclasses implement `__call__`; those of `SeparableLeaf`, `evaluate`. **Raises** `LeafError`, when the class is
+    made, for the other alone: a tree, or a call, would pass over it.
     """
 
     name: str
     certified = True
     has_goal = False
+    _written, _derived = "__call__", "evaluate"
+
+    def __init_subclass__(cls, **kwargs):
+        super().__init_subclass__(**kwargs)
+        if cls._derived in vars(cls) and cls._written not in vars(cls):
+            raise LeafError(
+                f"{cls.__name__} overrides {cls._derived} alone, which follows from {cls._written}: override "
+                f"{cls._written}."
+            )
 
     def energy(self, x, xd):
         return jnp.zeros((), x.dtype)
@@ -68,6 +80,8 @@ class Leaf(Node):
 
 class SeparableLeaf(Leaf):
     """A leaf of one-dimensional policies side by side. Subclasses implement `evaluate`, and return a `DiagonalForm`."""
+
+    _written, _derived = "evaluate", "__call__"
 
     def __call__(self, x, xd):
         return self.evaluate(x, xd).dense()
@@ -188,7 +202,14 @@ def pullback(task_map: Callable[[jax.Array], jax.Array], node: Node) -> Pullback
 
 
 def batched(*nodes: Node) -> Batched:
-    """Nodes of the same kind at K points [K, m], stacked into one `Batched` node."""
+    """Nodes of the same kind at K points [K, m], stacked into one `Batched` node.
+
+    **Raises** `ShapeError` for nodes that are not alike in all but the values of their parameters.
+
+    >>> from jaxrmp.leaves import Posture
+    >>> batched(Posture(jnp.zeros(2)), Posture(jnp.ones(2)))(jnp.zeros((2, 2)), jnp.zeros((2, 2))).M.shape
+    (2, 2, 2)
+    """
     if not nodes:
         raise ShapeError("batched() needs at least one node.")
     for i, node in enumerate(nodes):

@@ -5,6 +5,7 @@ import jax.numpy as jnp
 
 from ._forms import NaturalForm
 from ._linalg import cholesky, solve_lower, solve_lower_transposed
+from ._ranges import require_number
 
 _MOST_STEPS = 50  # Newton's steps rise to the root without overshoot; two to five are usual.
 
@@ -22,6 +23,7 @@ def resolve_within(form: NaturalForm, max_norm: jax.Array | float, tolerance: ja
     **Returns** `a` [n]. Differentiable once through lambda (by that last step, which is the implicit function theorem);
     under `vmap` a batch takes as many steps as its slowest member. A singular `M` is resolved wherever its force is
     larger than the bound allows; elsewhere the result is NaN, as from `resolve`.
+    **Raises** `ConfigurationError` for a bound or a tolerance that is not positive.
 
     >>> a = resolve_within(NaturalForm(jnp.array([30.0, 40.0]), jnp.eye(2)), max_norm=5.0)
     >>> [round(v, 2) for v in a.tolist()]
@@ -29,6 +31,8 @@ def resolve_within(form: NaturalForm, max_norm: jax.Array | float, tolerance: ja
 
     More and Sorensen 1983, section 3: Newton's method on `1 / |a(lambda)|`, which is concave and rising.
     """
+    require_number("resolve_within", "max_norm", max_norm, "positive")
+    require_number("resolve_within", "tolerance", tolerance, "positive")
     f, M = form.f, form.M
     eye = jnp.eye(f.shape[-1], dtype=f.dtype)
     f_now, M_now, bound = jax.lax.stop_gradient((f, M, jnp.asarray(max_norm, f.dtype)))

@@ -23,7 +23,7 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
         skill_file = save_skill(learning.skill, out / f"{configuration.name}.skill.npz")
         progress("reproducing", 0.0)
         reproduction = reproduce(learning.skill, robot, learning.prepared)
-        result = result_dict(reproduction, learning.skill.source, demonstrations.source)
+        result = result_dict(reproduction, learning.skill, demonstrations.source)
         write_json({**learning_report(learning), "reproduction": result}, out / "learning_report.json")
         progress("drawing", 0.5)
         save_learning_figures(learning, out / "figures")

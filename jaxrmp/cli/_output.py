@@ -80,7 +80,8 @@ def made_by(command: str, configuration: Configuration, source: str) -> dict[str
 
 
 def error_table(result: dict[str, Any]) -> str:
-    """Reproduction errors as a table, one row a demonstration and one for the mean, under what they are about."""
+    """Reproduction errors as a table, one row a demonstration and one for the mean, between what they are about and the
+    goals missed."""
     lines = []
     if result["learned_from"] != result["measured_on"]:
         lines.append(f"note: learned from {result['learned_from']}, measured on other demonstrations")
@@ -91,4 +92,7 @@ def error_table(result: dict[str, Any]) -> str:
             f"{name:<6}{e['dtw_cm']:>8.2f}{e['frechet_cm']:>12.2f}{e['goal_cm']:>9.3f}{e['energy_increase']:>17.1e}"
             f"{e['limit_margin_rad']:>18.3f}"
         )
+    for e in result["per_demo"]:
+        if names := e["rests_away_from"]:
+            lines.append(f"demo {e['demo']} comes to rest more than 1 cm away from the goal of {', '.join(names)}")
     return "\n".join(lines)

@@ -5,11 +5,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import jax
 import numpy as np
 
 from .._errors import ConfigurationError
 from .._files import atomic_write
-from ..learning import Reproduction, load_skill, prepare, reproduce
+from ..learning import Reproduction, Skill, load_skill, prepare, reproduce
+from ..simulation import arrival
 from ..visualization import save_reproduction_figures
 from ._output import error_table, made_by, progress_bar, write_json
 from ._sources import demonstrations_of, robot_of
@@ -39,7 +41,7 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
             dt=arguments.dt,
             own_targets=arguments.targets == "own",
         )
-        result = result_dict(reproduction, skill.source, demonstrations.source)
+        result = result_dict(reproduction, skill, demonstrations.source)
         if arguments.json:
             write_json(result, arguments.json)
         if arguments.save:
@@ -51,10 +53,18 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
     print(error_table(result))
 
 
-def result_dict(reproduction: Reproduction, learned_from: str, measured_on: str) -> dict[str, Any]:
-    """Errors per demonstration and in the mean, and which demonstrations they are about, as written by --json."""
-    per_demo = [{"demo": i, **errors} for i, errors in enumerate(reproduction.errors)]
-    return {"learned_from": learned_from, "measured_on": measured_on, "per_demo": per_demo, "mean": reproduction.mean}
+def result_dict(reproduction: Reproduction, skill: Skill, measured_on: str) -> dict[str, Any]:
+    """Errors per demonstration and in the mean, and which demonstrations they are about, as written by --json.
+
+    `rests_away_from` names, for each demonstration, the subtasks that the arm came to rest more than 1 cm away from.
+    """
+    ends = jax.vmap(arrival)(reproduction.rollouts)
+    missed = [[skill.subtasks[k] for k in np.flatnonzero(row)] for row in ends.out_of_reach]
+    per_demo = [
+        {"demo": i, **errors, "rests_away_from": names}
+        for i, (errors, names) in enumerate(zip(reproduction.errors, missed, strict=True))
+    ]
+    return {"learned_from": skill.source, "measured_on": measured_on, "per_demo": per_demo, "mean": reproduction.mean}
 
 
 def save_rollouts(reproduction: Reproduction, path: Path) -> None:

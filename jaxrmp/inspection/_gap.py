@@ -12,8 +12,9 @@ def gap(leaf: Node, x: jax.Array) -> jax.Array:
 
     The leaf's own method `leaf.gap(x) -> scalar` where it has one; a leaf that keeps distances x [m] returns `x.min()`.
     Without it: the least distance to a limit, for a leaf with fields `lower` and `upper` of the shape of x, negative
-    beyond the limit; `|x - goal|` for one with such a field `goal`, `target` or `rest`; else `|x|`, the distance to the
-    origin. At the goal itself the gradient is zero.
+    beyond the limit; `|x - goal|` for one with such a field `goal`, `target` or `rest`; `|x|` for another that has a
+    goal, the origin; else NaN: damping, inertia and caps on speed are about no place. At the goal itself the gradient
+    is zero.
 
     **Arguments**: `leaf`, any node at the end of a branch; `x`, its task position, of any shape.
     **Returns** a scalar, units of x.
@@ -32,4 +33,4 @@ def gap(leaf: Node, x: jax.Array) -> jax.Array:
     for name in ("goal", "target", "rest"):
         if name in given:
             return length((x - given[name]).reshape(-1))
-    return length(x.reshape(-1))
+    return length(x.reshape(-1)) if getattr(leaf, "has_goal", False) else jnp.full((), jnp.nan, x.dtype)

@@ -1,13 +1,12 @@
 """How far a configuration is from every goal of a tree."""
 
-import itertools
-
 import jax
 import jax.numpy as jnp
 
 from .._pytree import pytree, static
 from .._tree import Batched, Leaf, Node, Pullback, Sum
 from ._gap import gap
+from ._rows import names_of_points
 
 
 @pytree
@@ -54,4 +53,4 @@ def _goals_of(node: Node, x: jax.Array) -> list[Goals]:
 def _point_by_point(part: Goals) -> Goals:
     """Gaps [K, R] of K points as K R gaps."""
     K = part.gap.shape[0]
-    return Goals(part.gap.reshape(-1), tuple(f"{name}[{k}]" for k, name in itertools.product(range(K), part.names)))
+    return Goals(part.gap.reshape(-1), names_of_points(part.names, K))

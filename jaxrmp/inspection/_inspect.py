@@ -17,9 +17,9 @@ class Inspection:
     `f` [R, n] and `M` [R, n, n], what each row adds to the root's force and metric; `acceleration` [R, n], the part
     `M_root^+ f` of the joint acceleration that it is responsible for; `force_share`, `|f_i| / sum_j |f_j|`, and
     `metric_share`, `trace M_i / trace M`, [R], both zero where there is nothing to share; `gap` [R], the distance to
-    what the leaf is about, see `jaxrmp.inspection.gap`; `energy` and `dissipation` [R], per second, zero for leaves
-    that have none; `x` and `xd`, tuples of R arrays, position and velocity in the leaf's own space; `names` and
-    `certified`, tuples of R, the names of a batched leaf's points with their index: `learned[2]`.
+    what the leaf is about, NaN if that is no place, see `jaxrmp.inspection.gap`; `energy` and `dissipation` [R], per
+    second, zero for leaves that have none; `x` and `xd`, tuples of R arrays, position and velocity in the leaf's own
+    space; `names` and `certified`, tuples of R, the names of a batched leaf's points with their index: `learned[2]`.
     """
 
     f: jax.Array

@@ -66,9 +66,14 @@ def _point_by_point(rows: Rows) -> Rows:
     """Rows [K, R] of K points as K R rows, each acting on its own point."""
     K, R = rows.energy.shape
     flat = jax.tree.map(lambda a: a.reshape(K * R, *a.shape[2:]), rows)
-    names = tuple(f"{name}[{k}]" for k, name in itertools.product(range(K), rows.names))
+    names = names_of_points(rows.names, K)
     at = (tuple(k for k in range(K) for _ in range(R)), *(index * K for index in rows.at))
     return Rows(flat.f, flat.M, flat.x, flat.xd, flat.energy, flat.dissipation, flat.gap, names, rows.certified, at)
+
+
+def names_of_points(names: tuple[str, ...], K: int) -> tuple[str, ...]:
+    """Names of the leaves of one point as those of K points, point by point: `name[k]`."""
+    return tuple(f"{name}[{k}]" for k, name in itertools.product(range(K), names))
 
 
 def _replace(rows: Rows, f: jax.Array, M: jax.Array, at: tuple) -> Rows:

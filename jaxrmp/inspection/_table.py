@@ -13,7 +13,7 @@ def table(inspection: Inspection, rows: int = 20) -> str:
 
     **Arguments**: `inspection`, of one state; `rows`, how many leaves to show, the rest in one last line.
     **Returns** lines of text: shares of force and metric at the root, the length of the leaf's part of the
-    acceleration, its gap, energy and dissipation per second.
+    acceleration, its gap (of the rest, the least), energy and dissipation per second.
     **Raises** `ShapeError` for an inspection of many states.
     """
     share = np.asarray(inspection.force_share, float)
@@ -34,7 +34,7 @@ def table(inspection: Inspection, rows: int = 20) -> str:
     if rest.size:
         part = np.linalg.norm(np.asarray(inspection.acceleration, float)[rest].sum(0))
         sums = (f"{column[rest].sum():.4g}" for column in numbers[2:])
-        closest = f"{numbers[1][rest].min():.4g}"
+        closest = f"{np.fmin.reduce(numbers[1][rest]):.4g}"
         name = f"{rest.size} more"
         lines.append((name, _percent(share[rest].sum()), _percent(metric[rest].sum()), f"{part:.4g}", closest, *sums))
     widths = [max(len(line[k]) for line in lines) for k in range(len(_HEADINGS))]

@@ -164,11 +164,16 @@ def load_lula(urdf: str | os.PathLike, xrdf: str | os.PathLike, rmpflow_yaml: st
 
     Joints outside the XRDF's `cspace` are locked at its `default_joint_positions`. Meshes need not be there.
 
-    **Arguments**: the robot; its description, with the spheres for obstacles; the RMPflow configuration.
-    **Returns** a `LulaPolicy`.
+    **Arguments**: `urdf`, the robot; `xrdf`, its description, with the spheres for obstacles; `rmpflow_yaml`, the
+    constants of the leaves.
+    **Returns** a `LulaPolicy`: its `tree` takes targets and a world, as docs/lula.md shows by an example that is run.
     **Raises** `UnknownNameError` for a key, frame or joint that is not there, `ConfigurationError` for a missing key
     and a value of a wrong type or sign, all naming key and line; `RobotError` as `load_robot`;
     `MissingDependencyError` without PyYAML.
+
+    >>> load_lula("arm.urdf", "arm.xrdf", "arm.yaml")
+    Traceback (most recent call last):
+    jaxrmp._errors.ConfigurationError: arm.xrdf cannot be read: [Errno 2] No such file or directory: 'arm.xrdf'
 
     NVIDIA, "Lula RMPflow" and "Extended Robot Description Format"; the same numbers as cuMotion 1.1.0 to rounding.
     """

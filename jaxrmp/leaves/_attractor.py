@@ -5,8 +5,8 @@ import jax.numpy as jnp
 
 from .._gds import GeometricDynamicalSystem
 from .._pytree import pytree, static
+from .._ranges import require
 from ._gaussian_well import gaussian_weight, gaussian_well
-from ._parameters import require
 
 
 @pytree

@@ -10,8 +10,8 @@ from jax.core import Tracer
 from .._errors import ConfigurationError, UnknownNameError
 from .._gds import SeparableGDS
 from .._pytree import pytree, static
+from .._ranges import require
 from ._barrier import ramp, wall, wall_inertia
-from ._parameters import require
 
 Form = Literal["compact", "power"]
 
@@ -41,6 +41,11 @@ class CollisionAvoidance(SeparableGDS):
     [m]. `frequency`, 1/s, times the integration step well below one; infinite, the published leaf. `form` is structure.
     **Raises** `UnknownNameError` for another form; `ConfigurationError` for a reach, sigma, floor or frequency that is
     not positive, a floor that is not below the reach (compact), or another negative parameter.
+
+    >>> leaf = CollisionAvoidance(barrier=0.01)
+    >>> near, far = leaf(jnp.array([0.01, 0.1]), jnp.zeros(2)).f
+    >>> bool(near > 0), bool(far == 0)
+    (True, True)
 
     RMPflow (Cheng et al. 2018), collision avoidance (power), and as in its experiments (compact). The continuation
     below the floor and the barrier's inertia are this library's.

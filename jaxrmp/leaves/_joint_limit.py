@@ -8,8 +8,8 @@ from jax.core import Tracer
 from .._errors import RobotError, ShapeError
 from .._gds import SeparableGDS
 from .._pytree import pytree, set_field, static
+from .._ranges import require
 from ._barrier import ramp, wall, wall_inertia
-from ._parameters import require
 
 _LEAST = 0.01  # of d, so that the metric stays finite at a limit and constant beyond it
 _NEAREST = 50  # the barrier goes on as a straight line within this part of its reach
@@ -39,7 +39,12 @@ class JointLimit(SeparableGDS):
     `damping_rate`, 1/s; `barrier`, energy; `reach`, rad or m, where the barrier begins; `frequency`, 1/s, of motion
     against the barrier. All but the ranges may be numbers or [n].
     **Raises** `RobotError` if a range is empty or not finite, `ShapeError` if the ranges are not vectors alike,
-    `ConfigurationError` for a negative gain.
+    `ConfigurationError` for a weight, sigma, reach or frequency that is not positive, or a negative gain.
+
+    >>> leaf = JointLimit(lower=-np.ones(1), upper=np.ones(1))
+    >>> towards, away = (leaf(jnp.array([0.8]), jnp.array([speed])).M[0, 0] for speed in (1.0, -1.0))
+    >>> bool(towards > 3 * away)
+    True
 
     RMPflow (Cheng et al. 2018), appendix on experiments; the barrier is the potential of its collision leaf there.
     """
@@ -84,8 +89,8 @@ class JointLimit(SeparableGDS):
     def metric(self, x, xd):
         s = jnp.clip((x - self.lower) / (self.upper - self.lower), 0, 1)
         d = jnp.maximum(4 * s * (1 - s), _LEAST)
-        towards_upper = 1 - jnp.exp(-(jnp.maximum(xd, 0) ** 2) / (2 * self.sigma**2))
-        towards_lower = 1 - jnp.exp(-(jnp.minimum(xd, 0) ** 2) / (2 * self.sigma**2))
+        towards_upper = -jnp.expm1(-(jnp.maximum(xd, 0) ** 2) / (2 * self.sigma**2))
+        towards_lower = -jnp.expm1(-(jnp.minimum(xd, 0) ** 2) / (2 * self.sigma**2))
         b = s * (towards_upper * d + 1 - towards_upper) + (1 - s) * (towards_lower * d + 1 - towards_lower)
         return (self.weight / (b * b) + self._wall_inertia(x)).astype(x.dtype)
 

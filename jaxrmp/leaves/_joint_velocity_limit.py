@@ -5,7 +5,7 @@ import jax.numpy as jnp
 
 from .._gds import SeparableGDS
 from .._pytree import pytree, static
-from ._parameters import require
+from .._ranges import require
 
 _LEAST = 0.05  # of 1 - e, so that the metric stays finite at the limit and constant beyond it
 
@@ -24,6 +24,11 @@ class JointVelocityLimit(SeparableGDS):
     which on the leaf is felt, below one. Numbers or [n].
     **Raises** `ConfigurationError` for a limit that is not positive, another negative parameter or an onset of one or
     more.
+
+    >>> leaf = JointVelocityLimit(limit=2.0)
+    >>> slow, fast = leaf(jnp.zeros(2), jnp.array([1.0, 1.9])).f
+    >>> bool(slow == 0), bool(fast < -900)
+    (True, True)
 
     This library's. Lula's `JointVelocityCap` does the same without a certificate.
     """

@@ -9,7 +9,7 @@ from .._forms import NaturalForm
 from .._gds import GeometricDynamicalSystem
 from .._linalg import solve_lower, solve_lower_transposed
 from .._pytree import pytree, static
-from ._parameters import require
+from .._ranges import require
 
 
 @pytree

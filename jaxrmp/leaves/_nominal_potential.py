@@ -4,10 +4,10 @@ import math
 
 import jax
 import jax.numpy as jnp
-from jax.custom_derivatives import SymbolicZero
 
 from .._pytree import pytree
-from ._gaussian_well import tanh_ratio
+from ._smooth_ratios import tanh_ratio
+from ._with_slope import with_slope
 
 
 @pytree
@@ -42,13 +42,8 @@ class NominalPotential:
         return _potential(x, *(jnp.asarray(field, x.dtype) for field in fields))
 
 
-@jax.custom_jvp
-def _potential(x, points, biases, end_slope, width, sharpness):
-    """`Phi(x)`, all of one dtype, with its slope in x written out: autodiff's takes ten times as long."""
-    return _by_definition(x, points, biases, end_slope, width, sharpness)
-
-
 def _by_definition(x, points, biases, end_slope, width, sharpness):
+    """`Phi(x)`, all of one dtype."""
     square, weights = _distances_and_weights(x, points, width)
     valley = weights @ (log_cosh_of_square(square, sharpness) + biases)
     return valley - jnp.exp(-square[-1] / (2 * width**2)) * ((x - points[-1]) @ end_slope)
@@ -66,23 +61,7 @@ def _slope(x, points, biases, end_slope, width, sharpness):
     return jnp.sum(c) * x - c @ points - bell * (end_slope - offset * (offset @ end_slope) / width**2)
 
 
-def _derivative(primals, tangents):
-    x, *parameters = primals
-    value = _potential(*primals)
-    total = jnp.zeros_like(value)
-    if not isinstance(tangents[0], SymbolicZero):
-        total = total + _slope(*primals) @ tangents[0]
-    if not all(isinstance(t, SymbolicZero) for t in tangents[1:]):
-        moves = [
-            jnp.zeros_like(p) if isinstance(t, SymbolicZero) else t
-            for p, t in zip(parameters, tangents[1:], strict=True)
-        ]
-        _, change = jax.jvp(lambda *parameters: _by_definition(x, *parameters), tuple(parameters), tuple(moves))
-        total = total + change
-    return value, total
-
-
-_potential.defjvp(_derivative, symbolic_zeros=True)
+_potential = with_slope(_by_definition, _slope)  # the slope that autodiff writes takes ten times as long
 
 
 def _distances_and_weights(x, points, width):

@@ -9,8 +9,8 @@ from .._errors import ShapeError
 from .._gds import GeometricDynamicalSystem
 from .._linalg import length
 from .._pytree import pytree, set_field, static
+from .._ranges import require
 from .._task_map import check_rigid
-from ._parameters import require
 
 
 @pytree

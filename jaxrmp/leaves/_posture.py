@@ -5,7 +5,7 @@ import jax.numpy as jnp
 
 from .._gds import SeparableGDS
 from .._pytree import pytree, static
-from ._parameters import require
+from .._ranges import require
 
 
 @pytree

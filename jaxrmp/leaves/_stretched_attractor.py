@@ -5,8 +5,9 @@ import jax.numpy as jnp
 
 from .._gds import GeometricDynamicalSystem
 from .._pytree import pytree, static
+from .._ranges import require
 from ._gaussian_well import gaussian_weight, gaussian_well
-from ._parameters import require
+from ._smooth_ratios import decay_ratio
 
 
 @pytree
@@ -63,7 +64,7 @@ class StretchedAttractor(GeometricDynamicalSystem):
         width, near, far = self._weights(x.dtype)
         # (1 - a) / r^2 = (1 - floor) (1 - exp(-v)) / (2 s^2 v) at v = r^2 / (2 s^2), finite at the goal.
         v = square / (2 * self.stretch_width**2)
-        along = (1 - self.floor) * _decay_ratio(v) / (2 * self.stretch_width**2)
+        along = (1 - self.floor) * decay_ratio(v) / (2 * self.stretch_width**2)
         a = (1 - self.floor) * jnp.exp(-v) + self.floor
         shape = along * jnp.outer(z, z) + (a + self.isotropy) * jnp.eye(x.shape[0], dtype=x.dtype)
         return (gaussian_weight(square, width, near, far) * shape).astype(x.dtype)
@@ -81,14 +82,3 @@ class StretchedAttractor(GeometricDynamicalSystem):
         """Width, value at the goal and value far away of w, as a Gaussian of the distance."""
         far = self.weight_far + (self.weight_near - self.weight_far) * self.floor
         return tuple(jnp.asarray(value, dtype) for value in (self.width, self.weight_near, far))
-
-
-def _decay_ratio(v):
-    """`(1 - exp(-v)) / v` for v >= 0, with derivatives that exist at v = 0."""
-    # Near v = 0 the derivatives of the quotient are differences of large numbers: a series.
-    small = v < 0.03
-    u, far = jnp.where(small, v, 0.0), jnp.where(small, 1.0, v)
-    near = jnp.zeros_like(v)
-    for k in range(9, 0, -1):
-        near = 1 - u / (k + 1) * near
-    return jnp.where(small, near, -jnp.expm1(-far) / far)

@@ -17,9 +17,10 @@ _OTHERS = "#BBBBBB"
 def inspection_figure(inspection: Inspection, time: Any, rows: int = 6) -> "Figure":
     """Every leaf's part in a rollout over time.
 
-    Above, the leaves' shares of the force and of the metric at the root, stacked; below, each leaf's gap (the distance
-    left to its goal, or the one that it keeps) and energy, with the whole tree's in black. Leaves with the greatest
-    share of the force at any time are shown by name, the rest as one; those marked `*` void the certificate.
+    Above, the leaves' shares of the force and of the metric at the root, stacked; below, each leaf's gap (the
+    distance left to its goal, or the one that it keeps, if it is about either) and energy, with the whole tree's in
+    black. Leaves with the greatest share of the force at any time are shown by name, the rest as one; those marked
+    `*` void the certificate.
 
     **Arguments**: `inspection`, with a leading axis of T states; `time` [T], s; `rows`, how many leaves to name.
     **Returns** a matplotlib `Figure`.

@@ -8,9 +8,10 @@ import numpy as np
 from jax.core import Tracer
 
 from .._pytree import pytree
+from .._ranges import require
 from .._task_map import check_rigid
 from ._components import components, corner_derivatives, magnitude, outside_corner, to_local, turned
-from ._obstacles import PaddedObstacles, padded, refuse_negative, set_fields
+from ._obstacles import PaddedObstacles, padded, set_fields
 
 
 @pytree
@@ -37,7 +38,7 @@ class Boxes(PaddedObstacles):
         set_fields(self, T_world_box=(4, 4), half_extents=(3,))
         if self.size and not isinstance(self.T_world_box, Tracer):
             check_rigid(self.T_world_box, "T_world_box")
-        refuse_negative("Boxes", half_extents=self.half_extents)
+        require(self, finite=("half_extents",), non_negative=("half_extents",))
 
     @classmethod
     def of(cls, boxes: Iterable = (), capacity: int | None = None) -> "Boxes":

@@ -7,12 +7,12 @@ import jax
 import jax.numpy as jnp
 
 from .._errors import ShapeError
-from .._pytree import pytree, set_field
+from .._pytree import pytree
 from .._task_map import Pushforward, TaskMap, pushforward
 from ._boxes import Boxes
 from ._components import Point, along, columns, curvature, difference, dot, gradient, length, slope
 from ._cylinders import Cylinders
-from ._obstacle_distances import checked_radii, radii_of_points
+from ._obstacle_distances import radii_of_points, set_radii
 from ._obstacles import FAR, Obstacles, curved_from
 from ._world import World
 
@@ -51,7 +51,7 @@ class CapsuleDistances(TaskMap):
     radii: Any = 0.0
 
     def __post_init__(self):
-        set_field(self, "radii", checked_radii("CapsuleDistances", self.radii))
+        set_radii(self)
 
     def __call__(self, x):
         a, b = self.points_a(x), self.points_b(x)

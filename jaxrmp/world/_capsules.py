@@ -6,8 +6,9 @@ from typing import Any
 import jax.numpy as jnp
 
 from .._pytree import pytree
+from .._ranges import require
 from ._components import along, components, difference, dot, fraction, length, length_derivatives
-from ._obstacles import PaddedObstacles, padded, refuse_infinite, refuse_negative, set_fields
+from ._obstacles import PaddedObstacles, padded, set_fields
 
 
 @pytree
@@ -29,8 +30,7 @@ class Capsules(PaddedObstacles):
 
     def __post_init__(self):
         set_fields(self, start=(3,), end=(3,), radius=())
-        refuse_infinite("Capsules", start=self.start, end=self.end)
-        refuse_negative("Capsules", radius=self.radius)
+        require(self, finite=("start", "end", "radius"), non_negative=("radius",))
 
     @classmethod
     def of(cls, capsules: Iterable = (), capacity: int | None = None) -> "Capsules":

@@ -15,7 +15,7 @@ _SUPPORT_STEPS = 300
 
 
 def cover_capsule(radius: float, half_length: float, max_error: float) -> Cover:
-    """Spheres along the z axis; a sphere of radius 0 length is itself."""
+    """Spheres along the z axis; a capsule without length is a sphere already."""
     if half_length == 0:
         return np.zeros((1, 3)), np.array([radius]), 0.0
     gap = math.sqrt((radius + max_error) ** 2 - radius**2)  # half the largest distance between neighbours

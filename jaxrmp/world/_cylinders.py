@@ -8,9 +8,10 @@ import numpy as np
 from jax.core import Tracer
 
 from .._pytree import pytree
+from .._ranges import require
 from .._task_map import check_rigid
 from ._components import corner_derivatives, length, length_derivatives, magnitude, outside_corner, to_local, turned
-from ._obstacles import PaddedObstacles, padded, refuse_negative, set_fields
+from ._obstacles import PaddedObstacles, padded, set_fields
 
 
 @pytree
@@ -39,7 +40,7 @@ class Cylinders(PaddedObstacles):
         set_fields(self, T_world_cylinder=(4, 4), radius=(), half_length=())
         if self.size and not isinstance(self.T_world_cylinder, Tracer):
             check_rigid(self.T_world_cylinder, "T_world_cylinder")
-        refuse_negative("Cylinders", radius=self.radius, half_length=self.half_length)
+        require(self, finite=("radius", "half_length"), non_negative=("radius", "half_length"))
 
     @classmethod
     def of(cls, cylinders: Iterable = (), capacity: int | None = None) -> "Cylinders":

@@ -7,11 +7,12 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
-from .._errors import ConfigurationError, ShapeError
+from .._errors import ShapeError
 from .._pytree import pytree, set_field, static
+from .._ranges import require
 from .._task_map import check_rigid
 from ._components import along, difference, length, to_local
-from ._obstacles import Obstacles, refuse_infinite
+from ._obstacles import Obstacles
 
 _SAMPLES = 17
 _GOLDEN = (5**0.5 - 1) / 2
@@ -61,9 +62,7 @@ class SignedDistanceGrid(Obstacles):
                 f"origin, spacing and active have shapes {self.origin.shape}, {self.spacing.shape} and "
                 f"{jnp.shape(self.active)}, expected (3,), () and ()."
             )
-        refuse_infinite("SignedDistanceGrid", values=self.values, origin=self.origin)
-        if not isinstance(self.spacing, Tracer) and not (np.isfinite(self.spacing) and self.spacing > 0):
-            raise ConfigurationError(f"spacing of SignedDistanceGrid is {self.spacing}: it must be positive.")
+        require(self, finite=("values", "origin", "spacing"), positive=("spacing",))
         if not isinstance(T, Tracer) and check_rigid(T, "T_world_grid").ndim != 2:
             raise ShapeError(f"T_world_grid has shape {np.shape(T)}, expected (4, 4).")
         set_field(self, "T_world_grid", T if isinstance(T, jax.Array) else np.asarray(T, dtype=float))

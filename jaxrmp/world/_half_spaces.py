@@ -10,8 +10,9 @@ from jax.core import Tracer
 
 from .._errors import ConfigurationError
 from .._pytree import pytree, set_field
+from .._ranges import require
 from ._components import components, dot
-from ._obstacles import PaddedObstacles, padded, refuse_infinite, set_fields
+from ._obstacles import PaddedObstacles, padded, set_fields
 
 
 @pytree
@@ -34,7 +35,7 @@ class HalfSpaces(PaddedObstacles):
 
     def __post_init__(self):
         set_fields(self, normal=(3,), offset=())
-        refuse_infinite("HalfSpaces", normal=self.normal, offset=self.offset)
+        require(self, finite=("normal", "offset"))
         numerics: Any = jnp if isinstance(self.normal, jax.Array) else np
         size = numerics.sqrt((self.normal * self.normal).sum(-1))
         if not isinstance(size, Tracer) and (np.asarray(size) == 0).any():

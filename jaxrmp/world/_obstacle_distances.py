@@ -11,9 +11,10 @@ from .._errors import ShapeError
 from .._forms import DiagonalForm, NaturalForm
 from .._materialise import materialise
 from .._pytree import pytree, set_field
+from .._ranges import require
 from .._task_map import Pushforward, TaskMap, Transport, pull_form, pushforward, transport
 from ._components import Point, columns, dot
-from ._obstacles import FAR, refuse_negative
+from ._obstacles import FAR
 from ._world import World
 
 
@@ -38,7 +39,7 @@ class ObstacleDistances(TaskMap):
     radii: Any = 0.0
 
     def __post_init__(self):
-        set_field(self, "radii", checked_radii("ObstacleDistances", self.radii))
+        set_radii(self)
 
     def __call__(self, x):
         p = self.points(x)
@@ -95,11 +96,11 @@ def carried(d: jax.Array, g: Point, bend: jax.Array, at: Pushforward) -> Pushfor
     return Pushforward(d.reshape(-1), dot(g, v).reshape(-1), J.reshape(-1, J.shape[-1]), (bend + dot(g, c)).reshape(-1))
 
 
-def checked_radii(owner: str, radii: Any) -> Any:
-    """`radii` as an array. **Raises** `ConfigurationError` if one is negative."""
-    radii = radii if isinstance(radii, jax.Array) else np.asarray(radii, dtype=float)
-    refuse_negative(owner, radii=radii)
-    return radii
+def set_radii(distances: Any) -> None:
+    """Make an array of the `radii` of a map to distances. **Raises** `ConfigurationError` if one is negative."""
+    radii = distances.radii
+    set_field(distances, "radii", radii if isinstance(radii, jax.Array) else np.asarray(radii, dtype=float))
+    require(distances, finite=("radii",), non_negative=("radii",))
 
 
 def radii_of_points(radii: Any, p: jax.Array) -> jax.Array:

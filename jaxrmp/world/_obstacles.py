@@ -7,7 +7,6 @@ from typing import Any, Self
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.core import Tracer
 
 from .._errors import ConfigurationError, ShapeError
 from .._pytree import set_field
@@ -143,28 +142,6 @@ def set_fields(obstacles: PaddedObstacles, **shapes: tuple[int, ...]) -> None:
             "obstacle."
         )
     set_field(obstacles, "active", active)
-
-
-def refuse_negative(owner: str, **fields: Any) -> None:
-    """**Raises** `ConfigurationError` if a field holds a number that is negative or not finite."""
-    for name, value in fields.items():
-        if isinstance(value, Tracer):
-            continue
-        numbers = np.asarray(value)
-        bad = ~(np.isfinite(numbers) & (numbers >= 0))
-        if bad.any():
-            where = tuple(int(i) for i in np.argwhere(bad)[0])
-            raise ConfigurationError(
-                f"{name}{list(where) if where else ''} of {owner} is {numbers[where]}: it must be finite and not "
-                "negative."
-            )
-
-
-def refuse_infinite(owner: str, **fields: Any) -> None:
-    """**Raises** `ConfigurationError` if a field holds a number that is not finite."""
-    for name, value in fields.items():
-        if not isinstance(value, Tracer) and not np.isfinite(np.asarray(value)).all():
-            raise ConfigurationError(f"{name} of {owner} holds a number that is not finite.")
 
 
 def _array(value: Any) -> Any:

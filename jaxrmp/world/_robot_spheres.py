@@ -11,11 +11,11 @@ import numpy as np
 
 from .._errors import ConfigurationError, RobotError
 from .._pytree import pytree, set_field, static
+from .._ranges import require, require_number
 from ..kinematics import PANDA_MODEL, ControlPoints, Robot
 from ..kinematics._mujoco import import_mujoco
 from ..kinematics._quaternions import rotation_of_quaternion
 from ._cover import cover_box, cover_capsule, cover_convex_hull, cover_cylinder, cover_ellipsoid
-from ._obstacles import refuse_negative
 
 
 @pytree
@@ -47,7 +47,7 @@ class RobotSpheres:
                 f"{len(self.frames)} frames with offsets of shape {offsets} and radii of shape {radii}: expected one "
                 "row and one radius a frame."
             )
-        refuse_negative("RobotSpheres", radii=self.radii)
+        require(self, finite=("radii",), non_negative=("radii",))
 
     @property
     def size(self) -> int:
@@ -75,8 +75,7 @@ def spheres_from_model(
     **Raises** `RobotError` if the file cannot be read, `ConfigurationError` if `max_error` is not positive, asks for
     too many spheres, or `frames` names a body without geometry.
     """
-    if not max_error > 0:
-        raise ConfigurationError(f"max_error is {max_error}: it must be positive.")
+    require_number("spheres_from_model", "max_error", max_error, "positive")
     return _cover_model(geometry_of_model(source), max_error, frames, str(source))
 
 

@@ -4,14 +4,13 @@ from collections.abc import Callable, Iterable
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from .._errors import ConfigurationError, ShapeError
 from .._pytree import pytree, set_field, static
 from .._task_map import Pushforward, TaskMap, pushforward
-from ._components import components, dot, length
-from ._obstacle_distances import checked_radii, radii_of_points
+from ._components import components, dot, length, length_derivatives
+from ._obstacle_distances import radii_of_points, set_radii
 
 
 @pytree
@@ -24,6 +23,7 @@ class SelfDistances(TaskMap):
     **Raises** `ConfigurationError` for a negative radius or a pair of a point with itself, `ShapeError` for pairs
     that are not pairs and, when called, for points that are not there.
 
+    >>> import jax.numpy as jnp
     >>> SelfDistances(lambda x: jnp.stack([x, -x]), pairs=((0, 1),), radii=0.25)(jnp.array([1.0, 0.0, 0.0])).tolist()
     [1.5]
     """
@@ -41,7 +41,7 @@ class SelfDistances(TaskMap):
             if pair[0] == pair[1]:
                 raise ConfigurationError(f"pairs holds {pair}, a point and itself.")
         set_field(self, "pairs", pairs)
-        set_field(self, "radii", checked_radii("SelfDistances", self.radii))
+        set_radii(self)
 
     def __call__(self, x):
         p = self.points(x)
@@ -52,14 +52,10 @@ class SelfDistances(TaskMap):
         at = pushforward(self.points, x, xd)
         i, j, radii = self._ends(at.y)
         offset, v, c = (components(part[i] - part[j]) for part in (at.y, at.yd, at.c))
-        r = length(*offset)
-        apart = r > 0
-        inverse = jnp.where(apart, 1 / jnp.where(apart, r, 1), 0)
-        g = (offset[0] * inverse, offset[1] * inverse, offset[2] * inverse)
-        rate = dot(g, v)
+        (x, y, z), bend = length_derivatives(offset, v)
         J = at.J[i] - at.J[j]
-        J = dot((g[0][:, None], g[1][:, None], g[2][:, None]), (J[:, 0], J[:, 1], J[:, 2]))
-        return Pushforward(r - radii, rate, J, (dot(v, v) - rate * rate) * inverse + dot(g, c))
+        J = dot((x[:, None], y[:, None], z[:, None]), (J[:, 0], J[:, 1], J[:, 2]))
+        return Pushforward(length(*offset) - radii, dot((x, y, z), v), J, bend + dot((x, y, z), c))
 
     def _ends(self, p):
         """First and second points of the pairs, and the sums of their radii."""

@@ -6,8 +6,9 @@ from typing import Any
 import jax.numpy as jnp
 
 from .._pytree import pytree
+from .._ranges import require
 from ._components import components, difference, dot, fraction, length, length_derivatives
-from ._obstacles import PaddedObstacles, padded, refuse_infinite, refuse_negative, set_fields
+from ._obstacles import PaddedObstacles, padded, set_fields
 
 
 @pytree
@@ -28,8 +29,7 @@ class Spheres(PaddedObstacles):
 
     def __post_init__(self):
         set_fields(self, center=(3,), radius=())
-        refuse_infinite("Spheres", center=self.center)
-        refuse_negative("Spheres", radius=self.radius)
+        require(self, finite=("center", "radius"), non_negative=("radius",))
 
     @classmethod
     def of(cls, spheres: Iterable = (), capacity: int | None = None) -> "Spheres":

@@ -9,11 +9,18 @@ import time
 from pathlib import Path
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from jaxrmp import batched, pullback
 from jaxrmp.cli import build_parser, main
+from jaxrmp.cli._output import error_table
 from jaxrmp.cli._overrides import parse_overrides
+from jaxrmp.cli._reproduce import result_dict
+from jaxrmp.learning import Reproduction, load_skill
+from jaxrmp.leaves import Attractor, Damping, JointLimit
+from jaxrmp.simulation import rollout
 
 CONFIG = str(Path(__file__).parents[2] / "configs" / "drawer_closing.toml")
 FAST = ["--metric.updates", "100", "--potential.widths", "[0.05]", "--potential.basin_starts=100"]
@@ -54,7 +61,8 @@ def test_reproduce_prints_and_writes_the_same_errors(learned, demos, tmp_path, c
     assert main([*command, "--figures", str(tmp_path / "figures")]) == 0
     result = json.loads(errors.read_text())
     keys = {"demo", "dtw_cm", "frechet_cm", "goal_cm", "energy_increase", "limit_margin_rad"}
-    assert [set(e) for e in result["per_demo"]] == [keys] * 6
+    assert [set(e) for e in result["per_demo"]] == [keys | {"rests_away_from"}] * 6
+    assert [e["rests_away_from"] for e in result["per_demo"]] == [[]] * 6
     assert set(result["mean"]) == keys - {"demo"}
     assert result["mean"]["dtw_cm"] == pytest.approx(np.mean([e["dtw_cm"] for e in result["per_demo"]]))
     table = capsys.readouterr().out.splitlines()
@@ -65,6 +73,24 @@ def test_reproduce_prints_and_writes_the_same_errors(learned, demos, tmp_path, c
         assert saved["q_5"].shape == saved["qd_5"].shape == (4001, 7)
         assert saved["time_5"][-1] == pytest.approx(20.0)
     assert list((tmp_path / "figures").glob("*.png"))
+
+
+def test_goals_that_the_arm_rests_away_from_are_named(learned):
+    skill = load_skill(learned / "drawer_closing.skill.npz")
+    limits = JointLimit(-np.ones(3, np.float32), np.ones(3, np.float32))
+
+    def run(goals):
+        pull = pullback(lambda q: q - goals, batched(*(Attractor(np.zeros(3), sharpness=5.0, gain=3.0),) * 3))
+        return rollout(pull + limits + Damping(1e-3, 4.0), jnp.zeros(3), duration=10.0, dt=0.01)
+
+    near = np.tile([0.2, -0.1, 0.3], (3, 1)).astype(np.float32)
+    far = near + [[0.0, 0, 0], [0.0, 0, 0], [1.5, 0, 0]]
+    paths = jax.jit(jax.vmap(run))(jnp.asarray(np.stack([near, far]), jnp.float32))
+    numbers = dict.fromkeys(("dtw_cm", "frechet_cm", "goal_cm", "energy_increase", "limit_margin_rad"), 0.0)
+    result = result_dict(Reproduction(paths, np.zeros((2, 1, 3, 3)), (numbers, numbers)), skill, "elsewhere")
+    assert [e["rests_away_from"] for e in result["per_demo"]] == [[], list(skill.subtasks)]
+    last = error_table(result).splitlines()[-1]
+    assert last == f"demo 1 comes to rest more than 1 cm away from the goal of {', '.join(skill.subtasks)}"
 
 
 def test_a_synthetic_source_can_be_named(learned, capsys):

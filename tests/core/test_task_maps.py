@@ -233,5 +233,5 @@ def test_single_precision_stays_single():
 
 
 def test_a_negative_radius_is_refused():
-    with pytest.raises(ConfigurationError, match=r"radius of Distance is -0.1: it must not be negative"):
+    with pytest.raises(ConfigurationError, match=r"radius of Distance is -0.1, expected a number that is not negative"):
         Distance(jnp.zeros(3), -0.1)

@@ -10,9 +10,11 @@ import pytest
 from jaxrmp import (
     Affine,
     Batched,
+    DiagonalForm,
     Distance,
     GeometricDynamicalSystem,
     Leaf,
+    LeafError,
     NaturalForm,
     Pointwise,
     ShapeError,
@@ -27,7 +29,7 @@ from jaxrmp import (
     uncertified_leaves,
 )
 from jaxrmp._pytree import pytree, static
-from jaxrmp.leaves import Damping, JointLimit
+from jaxrmp.leaves import Attractor, Damping, JointLimit
 
 pytestmark = pytest.mark.usefixtures("x64")
 STATES = 20
@@ -281,3 +283,24 @@ def test_replacing_a_frozen_field_keeps_the_rest():
     assert (damping.weight, damping.damping_rate) == (0.7, 3.0)
     with pytest.raises(AttributeError, match="cannot assign"):
         damping.weight = 1.0  # type: ignore[misc]
+
+
+def test_a_leaf_that_a_tree_would_pass_over_cannot_be_written():
+    with pytest.raises(LeafError, match="Softer overrides __call__ alone.*override evaluate"):
+
+        class Softer(Damping):
+            def __call__(self, x, xd):
+                return NaturalForm(-0.5 * xd, jnp.eye(2))
+
+    with pytest.raises(LeafError, match="Heavier overrides evaluate alone.*override __call__"):
+
+        class Heavier(Attractor):
+            def evaluate(self, x, xd):
+                return DiagonalForm(x, x)
+
+    class Both(Damping):
+        def evaluate(self, x, xd):
+            return DiagonalForm(-0.5 * xd, jnp.ones_like(x))
+
+    x = jnp.ones(2)
+    np.testing.assert_array_equal(Both()(x, x).f, (Both() + Damping(0.0))(x, x).f)

@@ -3,10 +3,12 @@
 import dataclasses
 import re
 import shlex
+from functools import partial
 from pathlib import Path
 
 import pytest
 
+from jaxrmp import learning
 from jaxrmp.cli import build_parser, main
 from jaxrmp.learning import Configuration
 
@@ -69,6 +71,9 @@ def test_every_configuration_key_is_documented():
 
 
 def test_readme_code_runs(monkeypatch, capsys):
+    """As written, but for what the learning is asked to do: less, as in the commands."""
+    less = {"metric.updates": 100, "potential.widths": [0.05], "potential.basin_starts": 100}
+    monkeypatch.setattr(learning, "load_configuration", partial(learning.load_configuration, overrides=less))
     monkeypatch.chdir(ROOT)
     namespace = run_blocks(README, "readme")
     assert namespace["qdd"].shape == (7,)

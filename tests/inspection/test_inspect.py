@@ -25,7 +25,7 @@ from jaxrmp import (
 )
 from jaxrmp.inspection import gap, inspect, table
 from jaxrmp.kinematics import ControlPoints, panda
-from jaxrmp.leaves import Attractor, JointLimit, Posture
+from jaxrmp.leaves import Attractor, Damping, JointLimit, Posture, lula
 
 N = 4
 
@@ -144,25 +144,30 @@ def test_every_row_is_the_tree_with_that_leaf_alone():
     V = Partial(points, jnp.asarray(rng.normal(size=(6, N))))
     leaves = [bowl(k, 2, "cloud") for k in range(3)]
     q, qd = (a[0] for a in states())
-    found = inspect(pullback(V, batched(*leaves)) + Drag(), q, qd)
+    found = jax.jit(inspect)(pullback(V, batched(*leaves)) + Drag(), q, qd)
     assert found.names == ("cloud[0]", "cloud[1]", "cloud[2]", "drag")
     assert found.certified == (True, True, True, False)
+
+    @jax.jit
+    def alone(leaf, k):
+        node = pullback(Partial(lambda V, k, x: V(x)[k], V, k), leaf)
+        return node(q, qd), node.energy(q, qd), node.dissipation(q, qd)
+
+    x, xd = jax.jvp(V, (q,), (qd,))
     for k, leaf in enumerate(leaves):
-        alone = pullback(Partial(lambda V, x, k=k: V(x)[k], V), leaf)
-        form = alone(q, qd)
+        form, energy, dissipation = alone(leaf, k)
         np.testing.assert_allclose(found.f[k], form.f, rtol=1e-10)
         np.testing.assert_allclose(found.M[k], form.M, rtol=1e-10)
-        np.testing.assert_allclose(found.energy[k], alone.energy(q, qd), rtol=1e-10)
-        np.testing.assert_allclose(found.dissipation[k], alone.dissipation(q, qd), rtol=1e-10)
-        x, xd = jax.jvp(V, (q,), (qd,))
+        np.testing.assert_allclose(found.energy[k], energy, rtol=1e-10)
+        np.testing.assert_allclose(found.dissipation[k], dissipation, rtol=1e-10)
         np.testing.assert_allclose(found.x[k], x[k], rtol=1e-12)
         np.testing.assert_allclose(found.xd[k], xd[k], rtol=1e-12)
-        np.testing.assert_allclose(found.gap[k], np.linalg.norm(x[k]), rtol=1e-12)
+        np.testing.assert_allclose(found.gap[k], gap(leaf, x[k]), rtol=1e-12)
     assert found.energy[3] == 0
 
 
 def test_names_of_batches_within_batches_count_both():
-    found = inspect(tree(), *(a[0] for a in states()))
+    found = jax.eval_shape(inspect, tree(), *(a[0] for a in states()))
     nested = [name for name in found.names if name.startswith("nested")]
     assert nested == [f"nested[{j}][{i}]" for i in range(2) for j in range(3)]
     assert len(found.names) == len(found.x) == len(found.f) == len(found.certified)
@@ -170,8 +175,22 @@ def test_names_of_batches_within_batches_count_both():
 
 def test_a_leaf_says_itself_how_far_it_is():
     assert gap(Keep(), jnp.asarray([0.4, -0.2])) == -0.2
-    assert gap(Drag(), jnp.asarray([3.0, 4.0])) == 5
-    np.testing.assert_array_equal(jax.grad(lambda x: gap(Drag(), x))(jnp.zeros(2)), 0)
+
+
+def test_a_leaf_without_fields_that_has_a_goal_has_it_at_the_origin():
+    @pytree
+    class Home(Drag):
+        has_goal = True
+
+    assert gap(Home(), jnp.asarray([3.0, 4.0])) == 5
+    np.testing.assert_array_equal(jax.grad(lambda x: gap(Home(), x))(jnp.zeros(2)), 0)
+
+
+def test_a_leaf_that_is_about_no_place_has_no_gap():
+    assert all(jnp.isnan(gap(leaf, jnp.ones(2))) for leaf in (Drag(), Damping(), lula.Inertia()))
+    found = jax.jit(inspect)(Damping() + Attractor(jnp.asarray([3.0, 4.0])), jnp.zeros(2), jnp.zeros(2))
+    assert [line.split()[-3] for line in table(found).splitlines()[1:]] == ["5", "nan"]
+    assert table(found, rows=0).splitlines()[1].split()[-3] == "5"
 
 
 def test_conventional_fields_say_it_otherwise():

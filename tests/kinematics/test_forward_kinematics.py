@@ -68,16 +68,17 @@ def test_first_and_second_derivatives(branching, random_configurations):
         def height(q):
             return forward_kinematics(branching, q, "right_hook")[2, 3]
 
-        value_and_gradient = jax.jit(jax.vmap(jax.value_and_grad(height)))
-        steps = 1e-6 * np.concatenate([np.eye(len(q)), -np.eye(len(q))])
-        values, gradients = value_and_gradient(q + steps)
-        up, down = np.split(np.asarray(values), 2)
-        _, (gradient,) = value_and_gradient(q[None])
-        np.testing.assert_allclose(gradient, (up - down) / 2e-6, atol=1e-8)
-        up, down = np.split(np.asarray(gradients), 2)
-        hessian = jax.jit(jax.jacfwd(jax.jacfwd(height)))(q)
-        np.testing.assert_allclose(hessian, (up - down) / 2e-6, atol=1e-8)
-        np.testing.assert_allclose(jax.jit(jax.hessian(height))(q), hessian, atol=1e-13)
+        @jax.jit
+        def derivatives(around, q):
+            values, gradients = jax.vmap(jax.value_and_grad(height))(around)
+            return values, gradients, jax.jacfwd(jax.jacfwd(height))(q), jax.hessian(height)(q)
+
+        n = len(q)
+        steps = 1e-6 * np.concatenate([np.eye(n), -np.eye(n), np.zeros((1, n))])
+        values, gradients, forwards, mixed = (np.asarray(part) for part in derivatives(q + steps, q))
+        np.testing.assert_allclose(gradients[-1], (values[:n] - values[n:-1]) / 2e-6, atol=1e-8)
+        np.testing.assert_allclose(forwards, (gradients[:n] - gradients[n:-1]) / 2e-6, atol=1e-8)
+        np.testing.assert_allclose(mixed, forwards, atol=1e-13)
 
 
 def test_works_inside_shard_map_scan_and_checkpoint(random_configurations):
@@ -89,13 +90,20 @@ def test_works_inside_shard_map_scan_and_checkpoint(random_configurations):
     def position(q):
         return forward_kinematics(robot, q, "panda_hand")[:3, 3]
 
-    batch = jax.jit(jax.vmap(position))(Q)
-    sharded = jax.shard_map(jax.vmap(position), mesh=mesh, in_specs=spec, out_specs=spec)
-    np.testing.assert_allclose(jax.jit(sharded)(Q), batch, atol=1e-6)
-    scanned = jax.lax.scan(lambda carry, q: (carry, position(q)), 0, jnp.asarray(Q))[1]
+    def total(q):
+        return position(q).sum()
+
+    @jax.jit
+    def everywhere(Q):
+        sharded = jax.shard_map(jax.vmap(position), mesh=mesh, in_specs=spec, out_specs=spec)(Q)
+        scanned = jax.lax.scan(lambda carry, q: (carry, position(q)), 0, Q)[1]
+        gradients = jax.vmap(lambda q: (jax.grad(total)(q), jax.grad(jax.checkpoint(total))(q)))(Q)
+        return jax.vmap(position)(Q), sharded, scanned, gradients
+
+    batch, sharded, scanned, (plain, checkpointed) = everywhere(Q)
+    np.testing.assert_allclose(sharded, batch, atol=1e-6)
     np.testing.assert_allclose(scanned, batch, atol=1e-6)
-    gradient = jax.jit(jax.vmap(jax.grad(jax.checkpoint(lambda q: position(q).sum()))))(Q)
-    np.testing.assert_allclose(gradient, jax.jit(jax.vmap(jax.grad(lambda q: position(q).sum())))(Q), atol=1e-6)
+    np.testing.assert_allclose(checkpointed, plain, atol=1e-6)
 
 
 def test_a_base_frame_stands_still_and_integers_are_taken_as_positions():

@@ -28,17 +28,29 @@ def rotation(robot, frame):
     return lambda q: forward_kinematics(robot, q, frame)[:3, :3]
 
 
-def assert_carried_by_autodiff(task_map, reference, Q, QD):
-    """Values, velocity, Jacobian and curvature are those of a plain function, by autodiff."""
+def assert_carried_by_autodiff(task_maps, reference, expected, Q, QD):
+    """Values, velocities, Jacobians and curvatures are those of plain functions, by autodiff.
+
+    `reference` is a function of q that holds what all maps give, and `expected` takes from it (with any axes that a
+    derivative puts behind) what each of them does: one program, and one differentiation, serves all.
+    """
+
+    @jax.jit
+    @jax.vmap
+    def carried(q, qd):
+        ours = [(task_map.pushforward(q, qd), task_map(q)) for task_map in task_maps]
+        return ours, pushforward_by_autodiff(reference, q, qd)
+
     with jax.enable_x64(True):
-        ours = jax.jit(jax.vmap(task_map.pushforward))(Q, QD)
-        theirs = jax.jit(jax.vmap(lambda q, qd: pushforward_by_autodiff(reference, q, qd)))(Q, QD)
-        np.testing.assert_allclose(jax.jit(jax.vmap(task_map))(Q), theirs.y, atol=1e-13)
-    for name, a, b in zip(ours._fields, ours, theirs, strict=True):
-        assert a.shape == b.shape and a.dtype == np.float64, name
-        np.testing.assert_allclose(a, b, rtol=0, atol=1e-11, err_msg=name)
-    single = jax.vmap(task_map.pushforward)(Q[:2].astype("float32"), QD[:2].astype("float32"))
-    assert {x.dtype.name for x in single} == {"float32"}
+        ours, theirs = carried(Q, QD)
+    for (found, value), of, task_map in zip(ours, expected, task_maps, strict=True):
+        parts = [jax.vmap(of)(part) for part in theirs]
+        np.testing.assert_allclose(value, parts[0], atol=1e-13)
+        for name, a, b in zip(found._fields, found, parts, strict=True):
+            assert a.shape == b.shape and a.dtype == np.float64, name
+            np.testing.assert_allclose(a, b, rtol=0, atol=1e-11, err_msg=name)
+        single = jax.eval_shape(task_map.pushforward, Q[0].astype("float32"), QD[0].astype("float32"))
+        assert {x.dtype.name for x in single} == {"float32"}
 
 
 @pytest.fixture
@@ -52,8 +64,9 @@ def test_axes_and_rotation_agree_with_forward_kinematics(states, which):
     robot, Q, QD = states
     frame = FRAMES[robot.name][which]
     R = rotation(robot, frame)
-    assert_carried_by_autodiff(FrameAxes(robot, frame, (2, 0)), lambda q: R(q).T[np.array([2, 0])], Q, QD)
-    assert_carried_by_autodiff(FrameRotation(robot, frame), lambda q: R(q).reshape(9), Q, QD)
+    maps = FrameAxes(robot, frame, (2, 0)), FrameRotation(robot, frame)
+    expected = (lambda R: R.swapaxes(0, 1)[np.array([2, 0])], lambda R: R.reshape(9, *R.shape[2:]))
+    assert_carried_by_autodiff(maps, R, expected, Q, QD)
 
 
 def test_relative_points_agree_with_autodiff(states):
@@ -62,12 +75,12 @@ def test_relative_points_agree_with_autodiff(states):
     offsets = np.random.default_rng(3).uniform(-0.2, 0.2, (2, 2, 3))
     a, b = ControlPoints(robot, frame, offsets[0]), ControlPoints(robot, other, offsets[1])
 
-    def inside(q):
-        T = forward_kinematics(robot, q, other)
-        return (a(q) - T[:3, 3]) @ T[:3, :3]
+    def both(q):
+        T, points = forward_kinematics(robot, q, other), a(q)
+        return jnp.stack([points - b(q), (points - T[:3, 3]) @ T[:3, :3]])
 
-    assert_carried_by_autodiff(RelativePoints(a, b), lambda q: a(q) - b(q), Q, QD)
-    assert_carried_by_autodiff(PointsInFrame(robot, other, a), inside, Q, QD)
+    maps = RelativePoints(a, b), PointsInFrame(robot, other, a)
+    assert_carried_by_autodiff(maps, both, (lambda parts: parts[0], lambda parts: parts[1]), Q, QD)
 
 
 def test_points_fixed_to_a_frame_do_not_move_in_it():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from jaxrmp import NaturalForm
+from jaxrmp import ConfigurationError, NaturalForm
 from jaxrmp._trust_region import resolve_within
 
 
@@ -93,3 +93,9 @@ def test_a_singular_metric_is_resolved_where_its_force_exceeds_the_bound():
         form = NaturalForm(jnp.array([100.0, 50.0, 10.0]), jnp.diag(jnp.array([1.0, 1.0, 0.0])))
         found = resolve_within(form, 5.0, 1e-9)
     np.testing.assert_allclose(np.linalg.norm(found), 5.0, rtol=1e-9)
+
+
+@pytest.mark.parametrize(("bound", "tolerance", "message"), [(0.0, 1e-2, "max_norm.* is 0.0"), (1.0, -1, "tolerance")])
+def test_a_bound_that_is_none_is_refused(bound, tolerance, message):
+    with pytest.raises(ConfigurationError, match=f"{message}.*expected a positive number"):
+        resolve_within(NaturalForm(jnp.ones(2), jnp.eye(2)), bound, tolerance)

@@ -143,7 +143,7 @@ def test_what_cannot_be_covered_is_refused(tmp_path):
     with pytest.raises(RobotError, match="cannot be read"):
         spheres_from_model(path)
     path.write_text(MODEL.format(SHAPES["box"]))
-    with pytest.raises(ConfigurationError, match="max_error is 0.*positive"):
+    with pytest.raises(ConfigurationError, match="max_error of spheres_from_model is 0.*positive"):
         spheres_from_model(path, 0.0)
     with pytest.raises(ConfigurationError, match="needs more than 4096"):
         spheres_from_model(path, 1e-5)

@@ -4,10 +4,10 @@ import jax
 import jax.numpy as jnp
 
 from ..._forms import DiagonalForm
+from ..._linalg import length
 from ..._pytree import pytree, static
+from ..._ranges import require
 from ..._tree import SeparableLeaf
-from .._parameters import require
-from ._elementwise import length
 from ._position_target import proximity_boost
 
 

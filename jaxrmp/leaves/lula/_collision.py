@@ -4,8 +4,8 @@ import jax
 import jax.numpy as jnp
 
 from ..._pytree import pytree, static
+from ..._ranges import require
 from ..._tree import SeparableLeaf
-from .._parameters import require
 from ._elementwise import closed_gate, elementwise
 
 
@@ -22,7 +22,7 @@ class Collision(SeparableLeaf):
     **Arguments**: `damping_gain` k_d, 1/s; `damping_std_dev` l_d, m; `damping_robustness_eps` eps_d;
     `damping_velocity_gate_length_scale` v_d, m/s; `repulsion_gain` k_p, m/s^2; `repulsion_std_dev` l_p, m;
     `metric_modulation_radius` r, m; `metric_scalar` mu; `metric_exploder_std_dev` l_m, m; `metric_exploder_eps` eps_m.
-    **Raises** `ConfigurationError` for a negative number, or a length that is zero.
+    **Raises** `ConfigurationError` for a negative number, or a length, eps or radius that is zero.
 
     >>> near, far = Collision()(jnp.array([0.01, 0.1]), jnp.zeros(2)).f
     >>> bool(near > 1e3 * far)

@@ -3,10 +3,11 @@
 import jax
 import jax.numpy as jnp
 
+from ..._linalg import length
 from ..._pytree import pytree, static
+from ..._ranges import require
 from ..._tree import SeparableLeaf
-from .._parameters import require
-from ._elementwise import elementwise, length
+from ._elementwise import elementwise
 
 
 @pytree
@@ -17,7 +18,7 @@ class CSpaceTarget(SeparableLeaf):
 
     **Arguments**: `target` q_0 [n], rad or m; `metric_scalar` mu; `position_gain` k_p, 1/s^2; `damping_gain` k_d, 1/s;
     `robust_position_term_thresh` theta, units of q.
-    **Raises** `ConfigurationError` for a negative number.
+    **Raises** `ConfigurationError` for a negative number, or a threshold that is zero.
 
     >>> CSpaceTarget(target=jnp.zeros(2))(jnp.array([0.25, 0.0]), jnp.zeros(2)).f.tolist()
     [-1250.0, 0.0]

@@ -1,4 +1,4 @@
-"""Natural forms of policies that treat every coordinate alike, and lengths with a slope at zero."""
+"""Natural forms of policies that treat every coordinate alike."""
 
 import jax
 import jax.numpy as jnp
@@ -13,13 +13,6 @@ def elementwise(a: jax.Array, m: jax.Array, x: jax.Array) -> DiagonalForm:
     """
     m = jnp.broadcast_to(m, x.shape).astype(x.dtype)
     return DiagonalForm((m * a).astype(x.dtype), m)
-
-
-def length(v: jax.Array) -> jax.Array:
-    """`|v|`, with slope zero at v = 0, where that of the square root would be NaN."""
-    square = v @ v
-    at_zero = square == 0
-    return jnp.where(at_zero, 0.0, jnp.sqrt(jnp.where(at_zero, 1.0, square)))
 
 
 def closed_gate(speed: jax.Array) -> jax.Array:

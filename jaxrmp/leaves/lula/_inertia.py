@@ -4,8 +4,8 @@ import jax
 import jax.numpy as jnp
 
 from ..._pytree import pytree, static
+from ..._ranges import require
 from ..._tree import SeparableLeaf
-from .._parameters import require
 from ._elementwise import elementwise
 
 

@@ -8,8 +8,8 @@ from jax.core import Tracer
 from ..._errors import RobotError
 from ..._forms import DiagonalForm
 from ..._pytree import pytree, static
+from ..._ranges import require
 from ..._tree import SeparableLeaf
-from .._parameters import require
 from ._elementwise import closed_gate
 
 
@@ -26,7 +26,8 @@ class JointLimit(SeparableLeaf):
     `metric_length_scale` l_m; `metric_exploder_eps` eps_m; `metric_velocity_gate_length_scale` v_m, 1/s;
     `accel_damper_gain` k_d, 1/s; `accel_potential_gain` k_p, 1/s^2; `accel_potential_exploder_length_scale` l_p;
     `accel_potential_exploder_eps` eps_p.
-    **Raises** `RobotError` if a range is empty, `ConfigurationError` for a negative number.
+    **Raises** `RobotError` if a range is empty, `ConfigurationError` for a negative number, or a
+    length or eps that is zero.
 
     >>> form = JointLimit(lower=-jnp.ones(2), upper=jnp.ones(2))(jnp.array([0.0, 0.9]), jnp.zeros(2))
     >>> float(form.f[0]), bool(form.f[1] < 0)

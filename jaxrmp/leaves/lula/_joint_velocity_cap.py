@@ -4,8 +4,8 @@ import jax
 import jax.numpy as jnp
 
 from ..._pytree import pytree, static
+from ..._ranges import require
 from ..._tree import SeparableLeaf
-from .._parameters import require
 from ._elementwise import elementwise
 
 _POLE = 1e-3  # of 1 - s^2 / v_r^2: how near the metric goes to its pole

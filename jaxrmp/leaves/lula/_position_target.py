@@ -4,10 +4,11 @@ import jax
 import jax.numpy as jnp
 
 from ..._forms import CanonicalForm, NaturalForm, natural
+from ..._linalg import length
 from ..._pytree import pytree, static
+from ..._ranges import require
 from ..._tree import Leaf
-from .._parameters import require
-from ._elementwise import length
+from .._smooth_ratios import decay_ratio
 
 
 @pytree
@@ -65,7 +66,7 @@ class PositionTarget(Leaf):
         near = square / (2 * self.metric_alpha_length_scale**2)
         alpha = (1 - self.min_metric_alpha) * jnp.exp(-near) + self.min_metric_alpha
         # (1 - alpha) / r^2 is smooth at the target, where it would be 0 / 0.
-        stretch = (1 - self.min_metric_alpha) * _one_minus_exp_over(near) / (2 * self.metric_alpha_length_scale**2)
+        stretch = (1 - self.min_metric_alpha) * decay_ratio(near) / (2 * self.metric_alpha_length_scale**2)
         eye = jnp.eye(x.shape[0], dtype=x.dtype)
         M = alpha * self.max_metric_scalar * eye + stretch * self.min_metric_scalar * jnp.outer(delta, delta)
         boost = proximity_boost(square, self.proximity_metric_boost_scalar, self.proximity_metric_boost_length_scale)
@@ -77,10 +78,3 @@ def proximity_boost(square: jax.Array, boost: jax.Array | float, length_scale: j
     """`beta b + 1 - beta` with `beta = exp(-r^2 / (2 s^2))`, for `square = r^2`: 1 far away, b at the target."""
     beta = jnp.exp(-square / (2 * length_scale**2))
     return beta * boost + 1 - beta
-
-
-def _one_minus_exp_over(z: jax.Array) -> jax.Array:
-    """`(1 - exp(-z)) / z` for z >= 0, with derivatives that exist at z = 0."""
-    small = z < 1e-4
-    away = jnp.where(small, 1.0, z)
-    return jnp.where(small, 1 - z / 2 + z * z / 6, -jnp.expm1(-away) / away)

@@ -2,10 +2,11 @@
 
 import jax
 
+from ..._linalg import length
 from ..._pytree import pytree, static
+from ..._ranges import require
 from ..._tree import SeparableLeaf
-from .._parameters import require
-from ._elementwise import elementwise, length
+from ._elementwise import elementwise
 
 
 @pytree
