@@ -11,8 +11,8 @@ import numpy as np
 
 from .._errors import ConfigurationError, RolloutError
 from .._files import atomic_write
-from ._output import made_by, progress_bar, write_json
 from ._engines import again_with_fast_xla, engine_of, needs_fast_xla
+from ._output import made_by, progress_bar, write_json
 from ._processes import joined, spawn
 
 
