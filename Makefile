@@ -3,6 +3,7 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
 DATA := $(abspath ../shared/data)
+DEMO := out/drawer_closing/drawer_closing.skill.npz --scene drawer --json out/drawer_closing/run.json
 
 # The real recordings, where they are at hand; without them demos are synthetic and some tests are skipped.
 ifndef JAXRMP_DATA
@@ -19,7 +20,14 @@ export JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS ?= 0
 demo: $(VENV)/.installed-demo
 	$(BIN)/jaxrmp learn configs/drawer_closing.toml --out out/drawer_closing
 	$(BIN)/jaxrmp reproduce out/drawer_closing/drawer_closing.skill.npz --json out/drawer_closing/reproduction.json
-	@echo "The skill, its report and pictures are in out/drawer_closing."
+	@if [ "$$(uname)" = Linux ] && [ -z "$$DISPLAY$$MUJOCO_GL" ] && ! ldconfig -p | grep -q libOSMesa; then \
+		if [ "$$(id -u)" = 0 ] && command -v apt-get > /dev/null; then \
+			apt-get update -qq && apt-get install -y -qq --no-install-recommends libosmesa6 > /dev/null; fi; fi
+	@if [ "$$(uname)" = Linux ] && [ -z "$$DISPLAY$$MUJOCO_GL" ] && ! ldconfig -p | grep -q libOSMesa; then \
+		echo "No video and pictures: they need OSMesa (as root: apt-get install libosmesa6)."; \
+		$(BIN)/jaxrmp run $(DEMO); \
+	else $(BIN)/jaxrmp run $(DEMO) --video out/drawer_closing/drawer.mp4 --figures out/drawer_closing/figures; fi
+	@echo "The drawer is closed. Skill, reports, video and pictures are in out/drawer_closing."
 
 test: $(VENV)/.installed-dev
 	$(BIN)/python -m pytest -n auto --dist loadfile
@@ -47,8 +55,10 @@ $(VENV)/.installed-dev: $(BIN)/python pyproject.toml constraints.txt
 	@touch $@
 
 bench: $(VENV)/.installed-dev
+	$(BIN)/python -m benchmarks latency
 	$(BIN)/python -m benchmarks learning
 	$(BIN)/python -m benchmarks reproduction
+	$(BIN)/python -m benchmarks physics
 
 clean:
 	rm -rf $(VENV) .jax_cache out dist .pytest_cache .ruff_cache

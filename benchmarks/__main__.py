@@ -7,9 +7,16 @@ import platform
 from importlib.metadata import version
 from pathlib import Path
 
-from . import learning, reproduction
+from . import latency, learning, physics, reproduction, scenes, tracker
 
-BENCHMARKS = {"learning": learning.rows, "reproduction": reproduction.rows}
+BENCHMARKS = {
+    "latency": latency.rows,
+    "learning": learning.rows,
+    "reproduction": reproduction.rows,
+    "scenes": scenes.rows,
+    "physics": physics.rows,
+    "tracker": tracker.rows,
+}
 
 
 def main() -> None:

@@ -18,6 +18,7 @@ def build_parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     _add_learn(commands)
     _add_reproduce(commands)
+    _add_run(commands)
     _add_evaluate(commands)
     _add_demonstrate(commands)
     return parser
@@ -60,6 +61,50 @@ def _add_reproduce(commands) -> None:
     )
     parser.add_argument("--duration", metavar="S", type=float, default=20.0, help="seconds of rollout, default 20")
     parser.add_argument("--dt", metavar="S", type=float, default=0.005, help="seconds a step, default 0.005")
+
+
+def _add_run(commands) -> None:
+    parser = commands.add_parser(
+        "run",
+        help="run a skill in physics",
+        description="Trials in MuJoCo at 1 kHz with contacts and torque limits: first from every demonstration's "
+        "start, then with seeded starts (drawer), places of the cylinder (drawer_obstacle) or poses of the door. "
+        "Success is physical: the drawer closed to 5 mm; the hand at the standoff pose to 1 cm and 10 degrees, "
+        "nothing touched.",
+        epilog="example: jaxrmp run out/drawer_closing/drawer_closing.skill.npz --scene drawer --video out/drawer.mp4",
+    )
+    parser.add_argument("skill", metavar="SKILL", help="skill file written by jaxrmp learn")
+    parser.add_argument("--scene", choices=("drawer", "drawer_obstacle", "door"), required=True, help="where")
+    parser.add_argument("--trials", metavar="N", type=int, default=6, help="how many trials, default 6")
+    parser.add_argument("--trial", metavar="K", type=int, help="run trial K of these alone: replays it")
+    parser.add_argument("--displace", action="store_true", help="move the object by 10 cm during execution")
+    parser.add_argument("--demos", metavar="DIR", help=DEMOS + "those it was learned from")
+    parser.add_argument("--json", metavar="FILE", type=Path, help="write the outcomes as JSON")
+    parser.add_argument("--video", metavar="FILE", type=Path, help="film the first three trials: .mp4 or .gif")
+    parser.add_argument("--figures", metavar="DIR", type=Path, help="draw the trials")
+    parser.add_argument("--seed", metavar="S", type=int, default=0, help="random seed, default 0")
+    parser.add_argument("--limit", metavar="S", type=float, default=30.0, help="seconds a trial may take, default 30")
+    parser.add_argument("--strict", action="store_true", help="exit with 1 if a trial diverged")
+    parser.add_argument(
+        "--interface", choices=("torque", "velocity", "position"), default="torque", help="of the arm, default torque"
+    )
+    parser.add_argument("--learned-rate", metavar="HZ", type=float, help="evaluate learned leaves this often and hold")
+    parser.add_argument(
+        "--tracker",
+        choices=("auto", "on", "off"),
+        default="auto",
+        help="30 Hz camera with the recordings' noise; auto: if the skill's object is tracked or displaced",
+    )
+    parser.add_argument("--tracker-delay", metavar="S", type=float, default=0.0, help="seconds, default 0")
+    parser.add_argument("--tracker-dropouts", metavar="P", type=float, default=0.0, help="share of frames, default 0")
+    parser.add_argument("--tracker-bias", metavar="M", type=float, default=0.0, help="constant error, m, default 0")
+    parser.add_argument(
+        "--tracker-silent-after",
+        metavar="S",
+        type=float,
+        default=float("inf"),
+        help="when it goes silent, default never",
+    )
 
 
 def _add_evaluate(commands) -> None:

@@ -39,7 +39,7 @@ class Evaluation(NamedTuple):
     @property
     def seconds(self) -> np.ndarray:
         """How long each rollout took, s, [N]."""
-        return self.outcomes.track.steps * self.dt
+        return np.asarray(self.outcomes.track.steps) * self.dt
 
     @property
     def energy_increase(self) -> np.ndarray:

@@ -20,6 +20,7 @@ from ._learn import Learning as Learning
 from ._learn import PreparedDemonstrations as PreparedDemonstrations
 from ._learn import control_point_frames as control_point_frames
 from ._learn import control_points as control_points
+from ._learn import demonstrated_end as demonstrated_end
 from ._learn import in_frame as in_frame
 from ._learn import learn as learn
 from ._learn import prepare as prepare

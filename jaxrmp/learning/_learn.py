@@ -222,6 +222,16 @@ def control_points(robot: Robot, frames: tuple[str, ...], offsets: np.ndarray, q
     return np.einsum("tkij,kj->tki", poses[:, :, :3, :3], offsets) + poses[:, :, :3, 3]
 
 
+def demonstrated_end(prepared: PreparedDemonstrations, robot: Robot, frame: str) -> np.ndarray:
+    """Where the demonstrations leave a frame of the robot, in the object's frame: the mean pose [4, 4].
+
+    **Raises** `UnknownNameError` for a frame that is not there.
+    """
+    with jax.enable_x64(True):
+        ends = [np.asarray(forward_kinematics(robot, q[-1], frame)) for q in prepared.joints.q]
+    return mean_pose(np.stack([np.linalg.inv(T) @ end for T, end in zip(prepared.poses, ends, strict=True)]))
+
+
 def training_samples(
     subtasks: SubtaskTrajectories, settings: MetricSettings, seed: int
 ) -> tuple[np.ndarray, np.ndarray]:

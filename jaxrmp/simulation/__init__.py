@@ -29,7 +29,7 @@ from ._physical_arm import PhysicalArm as PhysicalArm
 from ._physical_arm import arm_alone as arm_alone
 from ._physical_arm import arm_in_scene as arm_in_scene
 from ._rollout import Rollout as Rollout
-from ._run import run as run
+from ._run import run_trials as run_trials
 from ._scene_policy import ScenePolicy as ScenePolicy
 from ._stable_step import StiffnessWarning as StiffnessWarning
 from ._stable_step import stable_step as stable_step
@@ -39,6 +39,8 @@ from ._tracker import TrackerSettings as TrackerSettings
 from ._tracker import TrackerState as TrackerState
 from ._tracker import observe as observe
 from ._tracker import start_tracker as start_tracker
+from ._trial_sampling import demonstrations_crossed as demonstrations_crossed
+from ._trial_sampling import sample_trials as sample_trials
 from ._trials import Criteria as Criteria
 from ._trials import Displacement as Displacement
 from ._trials import Outcome as Outcome

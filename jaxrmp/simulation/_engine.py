@@ -48,7 +48,7 @@ class Outcomes(NamedTuple):
     @property
     def status(self) -> np.ndarray:
         """`Status` of each, [N]."""
-        return self.track.status
+        return np.asarray(self.track.status)
 
     def take(self, indices: np.ndarray) -> "Outcomes":
         """Those of some starts."""

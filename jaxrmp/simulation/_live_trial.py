@@ -166,8 +166,8 @@ class LiveTrial:
             return f"not closed after {self.time:.0f} s: open by {1000 * error:.1f} mm"
         still = "" if slow else ", still moving"
         return (
-            f"not at the standoff pose after {self.time:.0f} s: {100 * error:.1f} cm and {np.degrees(angle):.0f} degrees "
-            f"off{still}"
+            f"not at the standoff pose after {self.time:.0f} s: {100 * error:.1f} cm and {np.degrees(angle):.0f} "
+            f"degrees off{still}"
         )
 
     def _end(self, success: bool, reason: str, diverged: bool = False) -> None:

@@ -16,7 +16,7 @@ from ._trials import Criteria, Run, Trial
 from ._zero_order_hold import learned_forms, with_held
 
 
-def run(
+def run_trials(
     scene: Scene,
     policy: Any,
     trials: Sequence[Trial],
@@ -26,6 +26,7 @@ def run(
     interface: str = "torque",
     learned_rate: float | None = None,
     seed: int = 0,
+    first: int = 0,
     progress: Callable[[float], None] | None = None,
 ) -> Run:
     """Run a policy in physics from many starts.
@@ -37,7 +38,8 @@ def run(
     by default the drawer's; `tracker`, None if the object's true pose is known at all times; `interface`: "torque",
     computed torque; "velocity" or "position", the policy's accelerations integrated to commands that a loop of torques
     follows, as inside an arm; `learned_rate`, Hz, at which learned leaves are evaluated and held in between, None for
-    every millisecond; `seed`, of the tracker's noise; `progress`, called with the share of simulated time.
+    every millisecond; `seed`, of the tracker's noise; `first`, the number of the first trial, so that a
+    single one can be replayed with its own noise; `progress`, called with the share of simulated time.
     **Returns** a `Run`.
     **Raises** `ConfigurationError` for no trials, a start in collision, a door without `criteria.T_object_wrist`, or a
     rate that does not fit; `UnknownNameError` for another interface.
@@ -53,9 +55,7 @@ def run(
     every = 1 if learned_rate is None else round(1.0 / (learned_rate * dt)) if 0 < learned_rate <= 1.0 / dt else 0
     if every < 1:
         raise ConfigurationError(f"learned_rate is {learned_rate!r}, expected Hz, above 0 and at most {1 / dt:g}.")
-    live = [
-        LiveTrial(scene, trial, criteria, tracker, interface, (seed, k)) for k, trial in enumerate(trials)
-    ]
+    live = [LiveTrial(scene, trial, criteria, tracker, interface, (seed, first + k)) for k, trial in enumerate(trials)]
     worlds: Any = jax.tree.map(lambda *a: jnp.stack(a), *(_obstacles(trial) for trial in live))
     q, qd = (np.zeros((len(live), scene.robot.num_joints), np.float32) for _ in range(2))
     T = np.zeros((len(live), 4, 4), np.float32)
@@ -101,6 +101,6 @@ def _learned(policy, T, worlds, q, qd):
 
 @jax.jit
 def _command_held(policy, forms, T, worlds, q, qd):
-    return jax.vmap(
-        lambda forms, T, world, q, qd: acceleration(with_held(policy.tree(T, world), forms), q, qd)
-    )(forms, T, worlds, q, qd)
+    return jax.vmap(lambda forms, T, world, q, qd: acceleration(with_held(policy.tree(T, world), forms), q, qd))(
+        forms, T, worlds, q, qd
+    )

@@ -22,15 +22,16 @@ class TrackerSettings:
     confirmed before it brakes.
 
     The defaults are what the paper's RGB-D tracker does while neither the door nor the arm moves: the still stretches
-    of the three door demonstrations with a live tracker (`python -m benchmarks tracker`). The 1.4 to 2.8 cm by which
-    its pose of the resting door shifts while the arm moves are no noise that averages out; `bias` stands for them.
+    of the three door demonstrations with a live tracker (`python -m benchmarks tracker`). The 1.5 to 2.8 cm by which
+    its pose of the resting door differs after the arm's motion from before it do not average out; `bias` stands for
+    them.
 
     **Raises** `ConfigurationError` for a value that makes no sense.
     """
 
     rate: float = 30.0
-    jitter: tuple[float, float] = (0.0005, 0.001)
-    drift: tuple[float, float] = (0.0016, 0.0035)
+    jitter: tuple[float, float] = (0.0006, 0.0009)
+    drift: tuple[float, float] = (0.0017, 0.0068)
     drift_time: float = 2.0
     bias: float = 0.0
     delay: float = 0.0
@@ -60,8 +61,11 @@ PERFECT = TrackerSettings(jitter=(0.0, 0.0), drift=(0.0, 0.0))
 
 
 class TrackerState(NamedTuple):
-    """What a tracker carries: `seen` [4, 4], the last pose that arrived, its `stamp`, s; `frame`, the next one's number;
-    `drift` [6], m and rad; `on_the_way`, frames as (stamp, pose) in order; `seed`."""
+    """What a tracker carries from one observation to the next.
+
+    `seen` [4, 4], the last pose that arrived, and its `stamp`, s; `frame`, the next one's number; `drift` [6], m and
+    rad; `on_the_way`, frames as (stamp, pose) in order; `seed`.
+    """
 
     seen: np.ndarray
     stamp: float
@@ -91,7 +95,9 @@ def observe(settings: TrackerSettings, state: TrackerState, time: float, T: np.n
         lost = rng.uniform() < settings.dropouts or time >= settings.silent_after
         keep = np.exp(-1.0 / (settings.rate * settings.drift_time))
         constant = _constant(settings, seed)
-        drift = constant + keep * (drift - constant) + np.sqrt(1 - keep**2) * rng.normal(size=6) * _scales(settings.drift)
+        drift = (
+            constant + keep * (drift - constant) + np.sqrt(1 - keep**2) * rng.normal(size=6) * _scales(settings.drift)
+        )
         if not lost:
             on_the_way = (*on_the_way, (time, _noisy(settings, T, drift, rng)))
         frame += 1

@@ -9,8 +9,11 @@ from .._errors import ConfigurationError
 
 
 class Displacement(NamedTuple):
-    """The object is moved while the arm moves: by `offset` [3], m, in the world, and `yaw`, rad, about the vertical
-    through its origin, from `start` on, evenly over `duration`, s."""
+    """The object is moved while the arm moves.
+
+    By `offset` [3], m, in the world, and `yaw`, rad, about the vertical through its origin, from `start` on, evenly
+    over `duration`, s.
+    """
 
     offset: np.ndarray
     yaw: float = 0.0
@@ -33,8 +36,11 @@ def moved(T: np.ndarray, offset: np.ndarray, yaw: float) -> np.ndarray:
 
 
 class Trial(NamedTuple):
-    """How one trial begins: `q` [n], rad; `T_world_object` [4, 4]; what happens on the way; where the cylinder stands in
-    the object's frame, m, None for the scene's own place."""
+    """How one trial begins, and what happens on the way.
+
+    `q` [n], rad; `T_world_object` [4, 4]; `displacement`; `cylinder`, where it stands in the object's frame, m, None
+    for the scene's own place.
+    """
 
     q: np.ndarray
     T_world_object: np.ndarray
@@ -88,8 +94,11 @@ class Outcome(NamedTuple):
 
 
 class Trace(NamedTuple):
-    """A trial as it went, at 50 Hz: `time` [T] s; `qpos` [T, nq] of the model; `q`, `qd`, `torque` [T, n];
-    `T_world_object`, `T_seen` [T, 4, 4], where the object was and where the policy believed it to be."""
+    """A trial as it went, at 50 Hz.
+
+    `time` [T] s; `qpos` [T, nq] of the model; `q`, `qd`, `torque` [T, n]; `T_world_object`, `T_seen` [T, 4, 4], where
+    the object was and where the policy believed it to be.
+    """
 
     time: np.ndarray
     qpos: np.ndarray

@@ -7,10 +7,13 @@ from typing import TYPE_CHECKING
 
 from .._files import atomic_write
 from ..learning import Learning, PreparedDemonstrations, Reproduction
+from ..simulation import Run
 from ._energy import energy_figure
 from ._loss import loss_figure
+from ._physics import physics_figure
 from ._triangles import triangle_figure
 from ._vector_field import vector_field_figure
+from ._video import snapshots
 from ._widths import width_figure
 
 if TYPE_CHECKING:
@@ -46,6 +49,26 @@ def save_reproduction_figures(
         _save(triangle_figure(prepared, reproduction), folder / "triangles.png"),
         _save(energy_figure(reproduction), folder / "energy.png"),
     ]
+
+
+def save_physics_figures(
+    run: Run, prepared: PreparedDemonstrations, reproduction: Reproduction | None, folder: str | os.PathLike
+) -> list[Path]:
+    """Write the figures of a run to a folder, made if need be: joints, speeds and torques; snapshots; paths in space.
+
+    `reproduction`, the first trials against the demonstrations that they start from, or None.
+    **Returns** the paths of the PNG files. **Raises** `MissingDependencyError`, and what `snapshots` raises.
+    """
+    from matplotlib.image import imsave
+
+    folder = Path(folder)
+    paths = [_save(physics_figure(run), folder / "physics.png")]
+    with atomic_write(folder / "snapshots.png") as file:
+        imsave(file, snapshots(run), format="png")
+    paths.append(folder / "snapshots.png")
+    if reproduction is not None:
+        paths.append(_save(triangle_figure(prepared, reproduction), folder / "triangles_in_physics.png"))
+    return paths
 
 
 def _save(figure: "Figure", path: Path) -> Path:

@@ -83,6 +83,31 @@ def test_a_skill_is_measured_on_what_it_was_learned_from_unless_told_otherwise(l
     assert "note:" not in printed
 
 
+def test_run_closes_the_drawer_in_physics(learned, tmp_path, capsys):
+    skill, file = str(learned / "drawer_closing.skill.npz"), tmp_path / "run.json"
+    command = ["run", skill, "--scene", "drawer", "--trials", "7"]
+    assert main([*command, "--json", str(file)]) == 0
+    report = json.loads(file.read_text())
+    assert (report["scene"], report["trials"]) == ("drawer", 7)
+    assert report["successes"] == sum(t["success"] for t in report["per_trial"]) >= 6
+    keys = {"success", "reason", "final_error_m", "min_clearance_m", "saturated", "diverged"}
+    assert all(keys <= set(t) for t in report["per_trial"])
+    assert all(t["final_error_m"] < 0.005 for t in report["per_trial"] if t["success"])
+    assert f"{report['successes']} of 7 trials succeeded in scene drawer" in capsys.readouterr().out
+    assert main([*command, "--trial", "6", "--json", str(file)]) == 0
+    (replayed,) = json.loads(file.read_text())["per_trial"]
+    assert replayed["trial"] == 6
+    assert replayed["time_s"] == pytest.approx(report["per_trial"][6]["time_s"], abs=0.1)
+
+
+def test_run_refuses_a_scene_without_the_skills_object(learned, capsys):
+    skill = str(learned / "drawer_closing.skill.npz")
+    assert main(["run", skill, "--scene", "door"]) == 1
+    assert "scene 'door' tracks the object 'door_handle'" in capsys.readouterr().err
+    assert main(["run", skill, "--scene", "drawer", "--trials", "2", "--trial", "2"]) == 1
+    assert "there are trials 0 to 1" in capsys.readouterr().err
+
+
 def test_a_data_folder_without_the_recordings_is_an_error(monkeypatch, capsys, tmp_path):
     monkeypatch.setenv("JAXRMP_DATA", str(tmp_path / "nowhere"))
     assert main(["learn", CONFIG]) == 1
@@ -145,7 +170,7 @@ def test_wrong_usage_exits_with_two(capsys):
 
 def test_help_fits_a_screen_and_every_command_has_an_example(capsys):
     assert len(build_parser().format_help().splitlines()) <= 24
-    for command in ("learn", "reproduce", "demonstrate"):
+    for command in ("learn", "reproduce", "run", "demonstrate"):
         with pytest.raises(SystemExit):
             main([command, "--help"])
         assert f"example: jaxrmp {command}" in capsys.readouterr().out

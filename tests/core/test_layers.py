@@ -24,6 +24,7 @@ OPTIONAL = [
     "tqdm",
     "mediapy",
     "imageio",
+    "imageio_ffmpeg",
     "yaml",
 ]
 
@@ -46,7 +47,7 @@ LAYERS = {
     "learning": {"leaves", "kinematics", "simulation"},
     "synthetic": {"kinematics", "learning"},
     "evaluation": {"leaves", "kinematics", "learning", "scenes", "simulation", "world"},
-    "visualization": {"evaluation", "inspection", "leaves", "kinematics", "learning", "simulation"},
+    "visualization": {"evaluation", "inspection", "leaves", "kinematics", "learning", "scenes", "simulation"},
     "cli": {
         "evaluation",
         "leaves",

@@ -9,7 +9,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from jaxrmp import ConfigurationError
 from jaxrmp.cli import main
+from jaxrmp.evaluation import check_starts, sample_starts, scene_problem
 from jaxrmp.kinematics import ControlPoints, panda
 from jaxrmp.learning import (
     Configuration,
@@ -21,6 +23,7 @@ from jaxrmp.learning import (
     support_of_path,
 )
 from jaxrmp.leaves import Damping, JointLimit, Learned, NominalPotential
+from jaxrmp.scenes import scene
 
 HOME = np.array([0.0, -0.3, 0.0, -1.9, 0.0, 1.7, 0.8], np.float32)
 FAST = ["--dt", "0.01", "--batch", "8", "--duration", "8", "--seed", "4"]
@@ -126,6 +129,7 @@ def test_a_start_in_collision_is_refused(skill_file, tmp_path, capsys):
     [
         (["--starts", "0"], "number of starts is 0"),
         (["--scene", "drawr"], "Did you mean 'drawer'"),
+        (["--scene", "door"], "use --scene drawer"),
         (["--dt", "0"], "--dt 0.0: expected more than 0"),
         (["--replay", "-1"], "--replay -1: expected the index of a start"),
         (["--batch", "0"], "batch is 0, expected at least 1"),
@@ -137,6 +141,26 @@ def test_a_start_in_collision_is_refused(skill_file, tmp_path, capsys):
 def test_bad_arguments_are_explained(skill_file, arguments, message, capsys):
     assert main(["evaluate", skill_file, *arguments]) == 1
     assert message in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", ["drawer_obstacle", "door"])
+def test_starts_that_are_free_by_spheres_touch_nothing_in_the_scene(skill_file, name):
+    place = scene(name)
+    problem = scene_problem(load_skill(skill_file), place.robot, place)
+    for q in sample_starts(problem, 30, seed=1):
+        place.data(q)  # raises for a start in collision
+    pressed = next(q for q in np.random.default_rng(0).uniform(-1, 1, (10000, 7)) * 2.5 if touches(place, q))
+    with pytest.raises(ConfigurationError, match="is in collision"):
+        check_starts(problem, np.clip(pressed, problem.lower, problem.upper)[None])
+
+
+def touches(place, q):
+    """Whether the arm is in collision at q, held within its limits."""
+    try:
+        place.data(np.clip(q, place.robot.lower, place.robot.upper))
+    except ConfigurationError:
+        return True
+    return False
 
 
 def test_the_skill_comes_back_with_its_support(skill_file):

@@ -1,0 +1,70 @@
+"""The bars of the experiments in physics, by the command line that anyone can call.
+
+Skills are learned into out/benchmarks where they are not there yet, from the recordings (with `JAXRMP_DATA` set) and
+from the synthetic demonstrations.
+"""
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+from jaxrmp.cli import main
+
+_OUT = Path("out") / "benchmarks"
+_TRACKER = ["--displace", "--tracker-delay", "0.1", "--tracker-dropouts", "0.1"]
+_HELD = ["--learned-rate", "50"]
+
+# Name, task, arguments of `jaxrmp run`, how many of the first trials are judged by another row.
+_BARS: list[tuple[str, str, list[str], int]] = [
+    ("drawer, demonstrated starts", "drawer_closing", ["--scene", "drawer"], 0),
+    ("drawer, 50 starts within 0.15 rad", "drawer_closing", ["--scene", "drawer", "--trials", "56"], 6),
+    ("the same, learned leaves at 50 Hz", "drawer_closing", ["--scene", "drawer", "--trials", "56", *_HELD], 6),
+    ("drawer behind the cylinder", "drawer_closing", ["--scene", "drawer_obstacle"], 0),
+    ("cylinder at 20 places", "drawer_closing", ["--scene", "drawer_obstacle", "--trials", "126"], 6),
+    ("door, demonstrated poses", "door_reaching", ["--scene", "door"], 0),
+    ("door at 50 poses", "door_reaching", ["--scene", "door", "--trials", "56"], 6),
+    ("the same, learned leaves at 50 Hz", "door_reaching", ["--scene", "door", "--trials", "56", *_HELD], 6),
+    ("door displaced during execution", "door_reaching", ["--scene", "door", "--trials", "50", *_TRACKER], 0),
+    (
+        "the same, tracker off by 5 mm an axis",
+        "door_reaching",
+        ["--scene", "door", "--trials", "50", *_TRACKER, "--tracker-bias", "0.005"],
+        0,
+    ),
+]
+
+
+def rows() -> list[dict[str, Any]]:
+    """One row a bar and source: successes, trials, least clearance, mean time, how often torque limits cut in."""
+    sources = ["synthetic"] + (["recordings"] if os.environ.get("JAXRMP_DATA") else [])
+    return [_row(source, *bar) for bar in _BARS for source in sources]
+
+
+def _row(source: str, name: str, task: str, arguments: list[str], skipped: int) -> dict[str, Any]:
+    skill = _skill(source, task)
+    file = _OUT / "run.json"
+    if main(["run", str(skill), *arguments, "--json", str(file)]):
+        raise SystemExit(f"jaxrmp run {skill} {' '.join(arguments)} failed")
+    trials = json.loads(file.read_text())["per_trial"][skipped:]
+    return {
+        "name": name,
+        "source": source,
+        "successes": sum(t["success"] for t in trials),
+        "trials": len(trials),
+        "touched": sum(t["reason"].startswith("touched") for t in trials),
+        "min_clearance_mm": 1000 * min(t["min_clearance_m"] for t in trials),
+        "worst_error_mm": 1000 * max(t["final_error_m"] for t in trials),
+        "mean_time_s": sum(t["time_s"] for t in trials) / len(trials),
+        "saturated": max(t["saturated"] for t in trials),
+    }
+
+
+def _skill(source: str, task: str) -> Path:
+    folder = _OUT / f"{source}_{task}"
+    file = folder / f"{task}.skill.npz"
+    if not file.exists():
+        demos = f"synthetic:{task}" if source == "synthetic" else str(Path(os.environ["JAXRMP_DATA"]) / "franka" / task)
+        if main(["learn", f"configs/{task}.toml", "--demos", demos, "--out", str(folder)]):
+            raise SystemExit(f"learning {task} from {demos} failed")
+    return file

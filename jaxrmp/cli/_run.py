@@ -1,0 +1,168 @@
+"""`jaxrmp run`: a skill in physics, trial after trial, with pictures, a video and a report."""
+
+import argparse
+import sys
+from typing import Any
+
+import jax
+import numpy as np
+
+from .._errors import ConfigurationError, RolloutError
+from ..kinematics import Robot
+from ..learning import (
+    PreparedDemonstrations,
+    Reproduction,
+    Skill,
+    control_points,
+    demonstrated_end,
+    in_frame,
+    load_skill,
+    prepare,
+    reproduction_errors,
+)
+from ..scenes import scene as build_scene
+from ..simulation import Criteria, Outcome, Rollout, Run, ScenePolicy, TrackerSettings, run_trials, sample_trials
+from ..visualization import prepare_headless, save_physics_figures, save_video
+from ..world import panda_spheres
+from ._output import made_by, progress_bar, write_json
+from ._sources import demonstrations_of
+
+
+def run(arguments: argparse.Namespace, rest: list[str]) -> None:
+    if arguments.video or arguments.figures:
+        prepare_headless()
+    skill = load_skill(arguments.skill)
+    check_scene(skill, arguments.scene)
+    scene = build_scene(arguments.scene, T_world_object=np.asarray(skill.T_world_object, float))
+    skill.check_robot(scene.robot)
+    demonstrations = demonstrations_of(skill, arguments.demos)
+    with progress_bar() as progress:
+        progress("preparing", 0.0)
+        prepared = prepare(skill.configuration, scene.robot, demonstrations)
+        trials = sample_trials(
+            scene,
+            prepared.joints.q,
+            prepared.poses,
+            arguments.trials,
+            seed=arguments.seed,
+            displace=arguments.displace,
+        )
+        if arguments.trial is not None:
+            if not 0 <= arguments.trial < len(trials):
+                raise ConfigurationError(f"--trial {arguments.trial}: there are trials 0 to {len(trials) - 1}.")
+            trials = [trials[arguments.trial]]
+        T_object_wrist = demonstrated_end(prepared, scene.robot, "panda_hand_tcp")
+        result = run_trials(
+            scene,
+            scene_policy(skill, scene.robot, T_object_wrist),
+            trials,
+            criteria=Criteria(T_object_wrist=T_object_wrist if scene.name == "door" else None, limit=arguments.limit),
+            tracker=_tracker(arguments, skill),
+            interface=arguments.interface,
+            learned_rate=arguments.learned_rate,
+            seed=arguments.seed,
+            first=arguments.trial or 0,
+            progress=lambda share: progress("running", share),
+        )
+        report = report_dict(result, arguments.trial or 0)
+        if arguments.json:
+            write_json(report, arguments.json)
+        if arguments.video:
+            progress("filming", 0.0)
+            save_video(result, arguments.video)
+        if arguments.figures:
+            progress("drawing", 0.5)
+            configuration = skill.configuration
+            write_json(made_by("run", configuration, demonstrations.source), arguments.figures / "made_by.json")
+            save_physics_figures(result, prepared, _as_reproduction(skill, prepared, result), arguments.figures)
+    print(outcome_table(report))
+    diverged = [t["trial"] for t in report["per_trial"] if t["diverged"]]
+    if diverged:
+        message = f"{len(diverged)} of {len(trials)} trials diverged: {diverged}. Replay one with --trial K."
+        if arguments.strict:
+            raise RolloutError(message)
+        print(f"jaxrmp: {message}", file=sys.stderr)
+
+
+def check_scene(skill: Skill, scene: str) -> None:
+    """**Raises** `ConfigurationError` if the skill needs an object that the scene does not have, or the other way."""
+    needed, there = skill.configuration.object, "door_handle" if scene == "door" else ""
+    if (needed or "") != there:
+        name = skill.configuration.name
+        raise ConfigurationError(
+            f"skill {name!r} needs object {needed!r}, which scene {scene!r} does not have: use --scene door."
+            if needed
+            else f"scene {scene!r} tracks the object {there!r}, and skill {name!r} lives in the frame of the arm's "
+            "base: use --scene drawer or drawer_obstacle."
+        )
+
+
+def scene_policy(skill: Skill, robot: Robot, T_object_wrist: np.ndarray) -> ScenePolicy:
+    """The skill with the wrist's orientation held as it was at the demonstrations' end, and obstacles avoided."""
+    policy = ScenePolicy(skill, robot, panda_spheres(), R_object_wrist=T_object_wrist[:3, :3])
+    return jax.tree.map(lambda a: np.asarray(a, np.float32) if np.asarray(a).dtype == float else a, policy)
+
+
+def _tracker(arguments: argparse.Namespace, skill: Skill) -> TrackerSettings | None:
+    wanted = arguments.tracker == "on" or (
+        arguments.tracker == "auto" and (skill.configuration.object or arguments.displace)
+    )
+    if not wanted:
+        return None
+    return TrackerSettings(
+        delay=arguments.tracker_delay,
+        dropouts=arguments.tracker_dropouts,
+        bias=arguments.tracker_bias,
+        silent_after=arguments.tracker_silent_after,
+    )
+
+
+def report_dict(result: Run, first: int = 0) -> dict[str, Any]:
+    """What --json writes: the scene, how many trials succeeded, and every trial."""
+    per_trial = [{"trial": first + k, **outcome._asdict()} for k, outcome in enumerate(result.outcomes)]
+    return {
+        "scene": result.scene.name,
+        "trials": len(result.outcomes),
+        "successes": result.successes,
+        "per_trial": per_trial,
+    }
+
+
+def outcome_table(report: dict[str, Any]) -> str:
+    """All trials as a table, a line each, and what to know about torques and speeds."""
+    lines = ["trial  success  error_mm  angle_deg  clearance_mm  time_s  reason"]
+    for trial in report["per_trial"]:
+        outcome = Outcome(**{name: trial[name] for name in Outcome._fields})
+        angle = "-" if np.isnan(outcome.final_angle_deg) else f"{outcome.final_angle_deg:.1f}"
+        lines.append(
+            f"{trial['trial']:>5}{'yes' if outcome.success else 'no':>9}{1000 * outcome.final_error_m:>10.1f}"
+            f"{angle:>11}{1000 * outcome.min_clearance_m:>14.1f}{outcome.time_s:>8.1f}  {outcome.reason}"
+        )
+    saturated = [t for t in report["per_trial"] if t["saturated"] > 0]
+    if saturated:
+        worst = max(saturated, key=lambda t: t["saturated"])
+        joints = sorted({joint for t in saturated for joint in t["saturated_joints"]})
+        lines.append(
+            f"torque limits cut in in {len(saturated)} trials, at most {worst['saturated']:.1%} of the time (trial "
+            f"{worst['trial']}): {', '.join(joints)}"
+        )
+    lines.append(f"{report['successes']} of {report['trials']} trials succeeded in scene {report['scene']}")
+    return "\n".join(lines)
+
+
+def _as_reproduction(skill: Skill, prepared: PreparedDemonstrations, result: Run) -> Reproduction | None:
+    """The first trials as reproductions of the demonstrations that they start from, for the figures."""
+    count = min(len(prepared.points), len(result.trials))
+    if count < len(prepared.points):
+        return None
+    longest = max(len(trace.time) for trace in result.traces[:count])
+    points, errors, states = [], [], []
+    for trace, trial, demonstrated in zip(result.traces, result.trials, prepared.points, strict=False):
+        rows = np.minimum(np.arange(longest), len(trace.time) - 1)  # stays where it ended
+        states.append((trace.time[rows], trace.q[rows], trace.qd[rows]))
+        path = control_points(result.scene.robot, skill.frames, np.asarray(skill.offsets, float), trace.q[rows])
+        points.append(in_frame(path, trial.T_world_object))
+        errors.append(reproduction_errors(demonstrated, points[-1][: len(trace.time)]))
+    time, q, qd = (np.stack(column) for column in zip(*states, strict=True))
+    rollouts = Rollout(time, q, qd, np.zeros(time.shape), np.zeros((*time.shape, 0)), ())
+    return Reproduction(rollouts, np.stack(points), tuple(errors))

@@ -1,0 +1,110 @@
+"""Videos and snapshots of trials, by MuJoCo's offscreen renderer."""
+
+import ctypes.util
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .._errors import ConfigurationError, MissingDependencyError
+from .._files import atomic_write
+from ..kinematics._mujoco import import_mujoco
+from ..simulation import Run
+
+_SIZE = 480, 640
+_PER_SECOND = 25  # every second sample of a trace
+_ENCODING = {
+    ".mp4": ["-c:v", "libx264", "-pix_fmt", "yuv420p", "-movflags", "+faststart"],
+    ".gif": ["-vf", "split[a][b];[a]palettegen[p];[b][p]paletteuse"],
+}
+
+
+def prepare_headless() -> None:
+    """Choose how MuJoCo draws without a display; to be called before mujoco is imported first.
+
+    `MUJOCO_GL`, if set, is left alone. **Raises** `ConfigurationError` if there is neither a display nor OSMesa.
+    """
+    if os.environ.get("MUJOCO_GL") or sys.platform != "linux" or os.environ.get("DISPLAY"):
+        return
+    if ctypes.util.find_library("OSMesa") is None:
+        raise ConfigurationError(
+            "drawing without a display needs OSMesa: apt-get install -y --no-install-recommends libosmesa6 (as root), "
+            "or set MUJOCO_GL=egl where EGL works."
+        )
+    os.environ["MUJOCO_GL"] = "osmesa"
+
+
+def save_video(run: Run, path: str | os.PathLike, trials: int = 3) -> Path:
+    """Write the first trials of a run, one after the other, in real time, as MP4 or GIF by the file's ending.
+
+    **Raises** `ConfigurationError` for another ending or where MuJoCo cannot draw; `MissingDependencyError` without
+    imageio-ffmpeg.
+    """
+    path = Path(path)
+    if path.suffix not in _ENCODING:
+        raise ConfigurationError(f"video {str(path)!r}: expected a name that ends in .mp4 or .gif.")
+    try:
+        from imageio_ffmpeg import get_ffmpeg_exe
+    except ImportError as error:
+        raise MissingDependencyError("imageio-ffmpeg", "simulation") from error
+    frames = []
+    with _renderer(run.scene.model) as renderer:
+        for k in range(min(trials, len(run.trials))):
+            frames += [_frame(renderer, run, k, t) for t in range(0, len(run.traces[k].time), 2)]
+    height, width = _SIZE
+    command = [get_ffmpeg_exe(), "-y", "-loglevel", "error", "-f", "rawvideo", "-pix_fmt", "rgb24"]
+    command += ["-s", f"{width}x{height}", "-r", str(_PER_SECOND), "-i", "-", *_ENCODING[path.suffix]]
+    with atomic_write(path) as file, tempfile.TemporaryDirectory() as folder:
+        encoded = Path(folder) / path.name
+        done = subprocess.run(
+            [*command, str(encoded)],
+            input=b"".join(frame.tobytes() for frame in frames),
+            capture_output=True,
+            check=False,
+        )
+        if done.returncode:
+            raise ConfigurationError(f"ffmpeg could not write {str(path)!r}: {done.stderr.decode().strip()}")
+        file.write(encoded.read_bytes())
+    return path
+
+
+def snapshots(run: Run, trial: int = 0, count: int = 6) -> np.ndarray:
+    """Pictures of one trial at instants even in time, side by side: [height, count width, 3].
+
+    Rana et al. 2019, figures 3, 5, 7 and 8. **Raises** `ConfigurationError` where MuJoCo cannot draw.
+    """
+    instants = np.linspace(0, len(run.traces[trial].time) - 1, count).round().astype(int)
+    with _renderer(run.scene.model) as renderer:
+        frames = [_frame(renderer, run, trial, int(t)) for t in instants]
+    cut = _SIZE[1] // 8
+    return np.concatenate([frame[:, cut:-cut] for frame in frames], axis=1)
+
+
+def _renderer(model: Any) -> Any:
+    mujoco = import_mujoco()
+    try:
+        return mujoco.Renderer(model, *_SIZE)
+    except Exception as error:  # whatever the graphics library raises
+        raise ConfigurationError(
+            f"MuJoCo cannot draw here ({error}). Without a display: apt-get install -y --no-install-recommends "
+            "libosmesa6 (as root) and MUJOCO_GL=osmesa."
+        ) from error
+
+
+def _frame(renderer: Any, run: Run, trial: int, t: int) -> np.ndarray:
+    mujoco = import_mujoco()
+    scene, trace = run.scene, run.traces[trial]
+    if run.trials[trial].cylinder is not None:
+        scene = scene.with_cylinder(run.trials[trial].cylinder)
+    data = mujoco.MjData(scene.model)
+    data.qpos[:] = trace.qpos[t]
+    scene.place(data, run.trials[trial].T_world_object)
+    scene.move_object(data, trace.T_world_object[t])
+    mujoco.mj_kinematics(scene.model, data)
+    mujoco.mj_camlight(scene.model, data)
+    renderer.update_scene(data, camera="view")
+    return renderer.render().copy()
