@@ -6,6 +6,8 @@ import subprocess
 import sys
 from typing import Any
 
+import numpy as np
+
 from .._errors import ConfigurationError
 from ..kinematics import Robot, panda
 
@@ -40,10 +42,14 @@ def engine_of(arguments: argparse.Namespace, skill: Any, robot: Robot, criteria:
     from ..evaluation import scene_problem, skill_problem
     from ..scenes import scene
     from ..simulation import KinematicEngine, MjxEngine, MujocoEngine, arm_alone, arm_in_scene
+    from ._run import check_scene
 
     if not 0 < arguments.dt < criteria.duration:
         raise ConfigurationError(f"--dt {arguments.dt}: expected more than 0 and less than --duration.")
-    place = None if arguments.scene is None else scene(arguments.scene, T_world_object=skill.T_world_object)
+    place = None
+    if arguments.scene is not None:
+        place = scene(arguments.scene, T_world_object=np.asarray(skill.T_world_object, float))
+        check_scene(skill, place.name)
     if (place or arguments.physics != "kinematic") and robot.fingerprint != panda().fingerprint:
         raise ConfigurationError(
             f"scenes and physics have the built-in Panda, and the skill was learned on {robot.name!r}: use "

@@ -57,13 +57,14 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
         return
     began = time.perf_counter()
     with progress_bar() as show:
+        show(f"{len(starts)} rollouts ({engine.name})", 0.0)
         evaluation = evaluate(
             engine,
             problem,
             limits,
             starts,
             batch=arguments.batch,
-            progress=lambda ended, own: show(f"rollouts ({engine.name})", ended / own),
+            progress=lambda ended, own: show(f"{10 * (10 * ended // own)} % of rollouts ended", ended / own),
         )
     if jax.process_index() != 0:
         return

@@ -39,7 +39,7 @@ class Evaluation(NamedTuple):
     @property
     def seconds(self) -> np.ndarray:
         """How long each rollout took, s, [N]."""
-        return self.outcomes.track.steps * self.dt
+        return np.asarray(self.outcomes.track.steps) * self.dt
 
     @property
     def energy_increase(self) -> np.ndarray:
@@ -133,15 +133,17 @@ class Replay(NamedTuple):
 def replay(engine: Engine, problem: Problem, limits: Node | None, start: np.ndarray, *, batch: int = 16) -> Replay:
     """Roll out from one start [n] again and keep the way, a state every `engine.chunk` steps; as `evaluate` else."""
     states: list[tuple[int, np.ndarray, np.ndarray]] = [(0, np.asarray(start, np.float32), np.zeros(len(start)))]
-    watch = CertificateWatch(problem, 1)
+    count = engine.devices.count
+    batch = -(-batch // count) * count
+    watch = CertificateWatch(problem, batch)
 
     def keep(places: np.ndarray, state: Any) -> None:
-        row = int(np.flatnonzero(places == 0)[0])
+        row = int(np.flatnonzero(places == 0)[0]) if (places == 0).any() else -1
+        if row < 0:  # this one has ended; copies of it that fill the batch may be under way still
+            return
         states.append((int(state.track.steps[row]), state.q[row].copy(), state.qd[row].copy()))
         watch(places, state)
 
-    count = engine.devices.count
-    batch = -(-batch // count) * count
     padded = np.repeat(np.asarray(start, np.float32)[None], batch, axis=0)
     outcomes = simulate(engine, padded, batch=batch, watch=keep).take(np.arange(1))
     ends = classify_ends(problem, limits, outcomes)
@@ -153,8 +155,8 @@ def replay(engine: Engine, problem: Problem, limits: Node | None, start: np.ndar
         ends,
         at_start.error,
         at_start.hand,
-        watch.residual,
-        watch.growth,
+        watch.residual[:1],
+        watch.growth[:1],
         watch.uncertified,
         engine.name,
         engine.dt,

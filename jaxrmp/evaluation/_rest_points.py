@@ -24,7 +24,7 @@ def rest_points(
     came to rest wrongly; `starts`, of how many; `radius`, m, within which ends are one point.
     """
     found = []
-    for group in cluster(points[members].reshape(len(members), points.shape[1] * 3), radius * np.sqrt(points.shape[1])):
+    for group in cluster(points[members].reshape(len(members), points[0].size), radius * np.sqrt(points.shape[1])):
         indices = members[group]
         where = points[indices].mean(0)
         found.append(

@@ -5,7 +5,6 @@ import numpy as np
 from ..kinematics import Robot
 from ..kinematics._mujoco import import_mujoco
 from ..learning import Skill
-from ..leaves import CollisionAvoidance
 from ..scenes import Scene
 from ..simulation import Problem, ScenePolicy
 from ..world import Boxes, Capsules, HalfSpaces, ObstacleDistances, RobotSpheres, World, panda_spheres
@@ -15,13 +14,13 @@ _STANDING = ("panda_link0", "panda_link1")  # on the floor, as they must be
 
 
 def scene_problem(skill: Skill, robot: Robot, scene: Scene) -> Problem:
-    """What `evaluate` rolls out in a scene: the policy as `jaxrmp run` has it there, distances to the furniture too.
+    """What `evaluate` rolls out in a scene: the skill with avoidance of its obstacles, distances to the furniture too.
 
     The furniture counts where it is at first; what the skill is to touch (the drawer's front and handle) does not
     count. Spheres cover the arm and stick out of it by 1.4 cm, so that a distance is never too large.
     """
     spheres = panda_spheres()
-    policy = ScenePolicy(skill, robot, spheres, CollisionAvoidance())
+    policy = ScenePolicy(skill, robot, spheres)
     tree = policy.tree(np.asarray(skill.T_world_object, np.float32), scene.obstacles())
     movers = [i for i, frame in enumerate(spheres.frames) if frame not in _STANDING]
     moving = RobotSpheres(

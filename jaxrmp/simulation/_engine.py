@@ -10,6 +10,8 @@ from .._errors import ConfigurationError, ShapeError
 from ._devices import Devices
 from ._judge import Status, StopCriteria, Track
 
+_LEAST = 16  # starts: below it, a smaller batch is hardly faster, and is one more program to compile
+
 
 class Engine(Protocol):
     """What moves joints: states of B starts in, states `chunk` steps of `dt` seconds later out.
@@ -46,7 +48,7 @@ class Outcomes(NamedTuple):
     @property
     def status(self) -> np.ndarray:
         """`Status` of each, [N]."""
-        return self.track.status
+        return np.asarray(self.track.status)
 
     def take(self, indices: np.ndarray) -> "Outcomes":
         """Those of some starts."""
@@ -121,8 +123,9 @@ def simulate(
 
 
 def _sizes(batch: int, count: int) -> list[int]:
-    """The sizes that batches may have, rising: a sixteenth and a quarter of `batch`, and itself."""
-    return sorted({max(batch // part // count, 1) * count for part in (16, 4, 1)})
+    """The sizes that batches may have, rising: a sixteenth and a quarter of `batch`, if at least 16, and itself."""
+    parts = {max(batch // part // count, 1) * count for part in (16, 4)}
+    return sorted({batch, *(size for size in parts if size >= _LEAST)})
 
 
 def _next(waiting: Iterator[int], room: int) -> np.ndarray:

@@ -77,9 +77,8 @@ def _advance(problem: Problem, state: KinematicState, criteria: StopCriteria, dt
         further = q + moved
         running = track.status == Status.RUNNING
         ahead = (further, moved - (further - q), faster)
-        return KinematicState(
-            *(jnp.where(running, new, old) for new, old in zip(ahead, (q, rest, qd), strict=True)), track
-        ), None
+        q, rest, qd = (jnp.where(running, new, old) for new, old in zip(ahead, (q, rest, qd), strict=True))
+        return KinematicState(q, rest, qd, track), None
 
     def look(state: KinematicState, _):
         state, _ = jax.lax.scan(step, state, length=every)

@@ -106,7 +106,8 @@ class MjxEngine:
             touching=jnp.where(running, contacts, track.touching), touched=track.touched + (running & (contacts > 0))
         )
         new = (ahead.qpos[arm.positions], ahead.qvel[dofs], ahead.qpos, ahead.qvel, ahead.qacc_warmstart)
-        return MjxState(*(jnp.where(running, a, b) for a, b in zip(new, state[:-1], strict=True)), track)
+        q, qd, qpos, qvel, warm = (jnp.where(running, a, b) for a, b in zip(new, state[:-1], strict=True))
+        return MjxState(q, qd, qpos, qvel, warm, track)
 
     def _finish_step(self, data: Any) -> Any:
         """What `mjx.step` does after `fwd_velocity`, for the implicitfast integrator."""

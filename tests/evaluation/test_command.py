@@ -1,0 +1,170 @@
+"""`jaxrmp evaluate` as a user calls it, on a small skill."""
+
+import json
+import re
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxrmp import ConfigurationError
+from jaxrmp.cli import main
+from jaxrmp.evaluation import check_starts, sample_starts, scene_problem
+from jaxrmp.kinematics import ControlPoints, panda
+from jaxrmp.learning import (
+    Configuration,
+    Skill,
+    Subtask,
+    initial_cholesky_factor,
+    load_skill,
+    save_skill,
+    support_of_path,
+)
+from jaxrmp.leaves import Damping, JointLimit, Learned, NominalPotential
+from jaxrmp.scenes import scene
+
+HOME = np.array([0.0, -0.3, 0.0, -1.9, 0.0, 1.7, 0.8], np.float32)
+FAST = ["--dt", "0.01", "--batch", "8", "--duration", "8", "--seed", "4"]
+
+
+@pytest.fixture(scope="module")
+def skill_file(tmp_path_factory):
+    """One control point, drawn along a straight line to where the hand is at HOME."""
+    robot = panda()
+    path = np.linspace([0.2, 0.1, 0.2], np.zeros(3), 16)
+    potential = NominalPotential(
+        jnp.asarray(path, jnp.float32), jnp.linspace(0.3, 0.0, 16), jnp.zeros(3), jnp.float32(0.05), jnp.float32(30.0)
+    )
+    potential = replace(potential, end_slope=jax.grad(potential)(jnp.zeros(3)))
+    factor = initial_cholesky_factor(jax.random.key(0), hidden=(8, 8), support=support_of_path(path, 0.1, 8))
+    stacked = jax.tree.map(lambda a: jnp.asarray(a, jnp.float32)[None], (potential, factor))
+    skill = Skill(
+        learned=Learned(*stacked, jnp.full(1, 0.3), jnp.full(1, 20.0)),
+        joint_damping=Damping(jnp.float32(0.01), jnp.float32(10.0), name="joint_damping"),
+        joint_limit=jax.tree.map(jnp.float32, JointLimit(robot.lower, robot.upper)),
+        limited=tuple(range(7)),
+        offsets=jnp.zeros((1, 3)),
+        targets=ControlPoints(robot, ("panda_hand",), np.zeros((1, 3), np.float32))(jnp.asarray(HOME)),
+        T_world_object=jnp.eye(4),
+        frames=("panda_hand",),
+        subtasks=("hand",),
+        configuration=Configuration("reach", (Subtask("hand", "panda_hand"),)),
+        robot_fingerprint=robot.fingerprint,
+        source="test",
+    )
+    return str(save_skill(skill, tmp_path_factory.mktemp("skill") / "reach.skill.npz"))
+
+
+@pytest.fixture(scope="module")
+def report(skill_file, tmp_path_factory):
+    out = tmp_path_factory.mktemp("report") / "report.json"
+    assert main(["evaluate", skill_file, "--starts", "12", *FAST, "--json", str(out)]) == 0
+    return json.loads(out.read_text()), out.with_suffix(".html").read_text()
+
+
+def test_the_report_holds_what_a_reviewer_asks_for(report):
+    found, _ = report
+    assert found["starts"] == 12 and found["non_finite"] == 0
+    shares = ("converged", "stopped_at_limit", "held_by_contact", "spurious", "unfinished", "diverged")
+    assert sum(found[name] for name in shares) == pytest.approx(1.0)
+    assert found["converged"] > 0.5
+    assert 0 <= found["max_energy_increase"] < 1  # steps of 10 ms are coarse for an arm; see test_evaluate.py
+    assert isinstance(found["spurious_rest_points"], list)
+    assert -0.3 < found["min_clearance_m"] < 0.5
+    assert sum(r["starts"] for r in found["regions"]) == 24  # by side, and by distance
+    assert found["failing_starts"] == len(found["failing"])
+    assert found["settings"]["physics"] == "kinematic" and found["settings"]["seed"] == 4
+
+
+def test_stability_is_told_as_mathematics(report):
+    stability = report[0]["stability"]
+    (hand,) = stability["subtasks"]
+    assert hand["metric"]["positive_definite_share"] == 1.0 and hand["metric"]["least_eigenvalue"] > 0.5
+    assert hand["goal"]["slope"] < 1e-3 and min(hand["goal"]["hessian_eigenvalues"]) > 1
+    nearest = hand["stationary_points"][0]
+    assert nearest["kind"] == "minimum" and nearest["distance_m"] < 1e-3
+    assert stability["certificate"]["max_residual"] < 1e-3
+    assert stability["certificate"]["uncertified_leaves"] == []
+
+
+def test_the_page_needs_nothing_else(report):
+    page = report[1]
+    assert page.count("data:image/png;base64,") == 4
+    assert not re.search(r"(src|href)=\"(?!data:)", page)
+    assert "By start region" in page and f"{100 * report[0]['converged']:.2f} %" in page
+
+
+def test_a_start_is_replayed_by_its_index(skill_file, report, tmp_path):
+    out, states = tmp_path / "one.json", tmp_path / "one.npz"
+    command = ["evaluate", skill_file, *FAST, "--replay", "5", "--json", str(out), "--save", str(states)]
+    assert main(command) == 0
+    again = json.loads(out.read_text())
+    assert again["start"] == 5
+    failing = {f["start"]: f for f in report[0]["failing"]}
+    assert (again["end"] in ("converged", "stopped_at_limit")) == (5 not in failing)
+    with np.load(states) as saved:
+        np.testing.assert_allclose(saved["q"][0], again["q_start"], atol=1e-6)
+        assert len(saved["time"]) == len(saved["qd"]) and (np.diff(saved["time"]) >= 0).all()
+
+
+def test_strict_fails_for_a_rollout_that_does_not_end_well(skill_file, capsys):
+    command = ["evaluate", skill_file, "--starts", "4", *FAST, "--duration", "0.5"]
+    assert main(command) == 0
+    assert main([*command, "--strict"]) == 1
+    assert re.search(r"--strict: \d of 4 starts neither converged .* --replay INDEX", capsys.readouterr().err)
+
+
+def test_a_start_in_collision_is_refused(skill_file, tmp_path, capsys):
+    folded = np.array([[0.0, 1.7, 0.0, -3.0, 0.0, 3.7, 0.0], HOME], np.float32)
+    np.save(tmp_path / "starts.npy", folded)
+    command = ["evaluate", skill_file, "--start-file", str(tmp_path / "starts.npy"), *FAST]
+    assert main(command) == 1
+    assert re.search(r"start \d is in collision, by \d+ mm", capsys.readouterr().err)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--starts", "0"], "number of starts is 0"),
+        (["--scene", "drawr"], "Did you mean 'drawer'"),
+        (["--scene", "door"], "use --scene drawer"),
+        (["--dt", "0"], "--dt 0.0: expected more than 0"),
+        (["--replay", "-1"], "--replay -1: expected the index of a start"),
+        (["--batch", "0"], "batch is 0, expected at least 1"),
+        (["--physics", "mujoco", "--dt", "0.01"], "physics runs in steps of 0.001 s"),
+        (["--process", "0"], "--process needs --coordinator"),
+        (["--start-file", "nowhere.npy"], "nowhere.npy"),
+    ],
+)
+def test_bad_arguments_are_explained(skill_file, arguments, message, capsys):
+    assert main(["evaluate", skill_file, *arguments]) == 1
+    assert message in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", ["drawer_obstacle", "door"])
+def test_starts_that_are_free_by_spheres_touch_nothing_in_the_scene(skill_file, name):
+    place = scene(name)
+    problem = scene_problem(load_skill(skill_file), place.robot, place)
+    for q in sample_starts(problem, 30, seed=1):
+        place.data(q)  # raises for a start in collision
+    pressed = next(q for q in np.random.default_rng(0).uniform(-1, 1, (10000, 7)) * 2.5 if touches(place, q))
+    with pytest.raises(ConfigurationError, match="is in collision"):
+        check_starts(problem, np.clip(pressed, problem.lower, problem.upper)[None])
+
+
+def touches(place, q):
+    """Whether the arm is in collision at q, held within its limits."""
+    try:
+        place.data(np.clip(q, place.robot.lower, place.robot.upper))
+    except ConfigurationError:
+        return True
+    return False
+
+
+def test_the_skill_comes_back_with_its_support(skill_file):
+    support = load_skill(skill_file).learned.cholesky_of.support
+    on_path, away = support.anchors[0, 0], support.anchors[0, 0] + jnp.array([0.0, 0.5, 0.0])
+    one = jax.tree.map(lambda a: a[0], support)
+    assert float(one(on_path)) > 0.8 and float(one(away)) < 0.01
