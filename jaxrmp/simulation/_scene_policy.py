@@ -52,7 +52,10 @@ class ScenePolicy:
 
 @functools.cache
 def close_spheres() -> RobotSpheres:
-    """Spheres for the built-in Panda that stick out 8 mm at the hand, which passes close by things, 1.4 cm elsewhere."""
+    """Spheres for the built-in Panda that stick out 8 mm at the hand, which passes close to things, else 1.4 cm.
+
+    The hand is `panda_link7` and what it carries.
+    """
     hand = ("panda_link7", "panda_hand", "panda_leftfinger", "panda_rightfinger")
     fine, coarse = spheres_from_model(PANDA_MODEL, 0.008, frames=hand), panda_spheres()
     rest = [k for k, frame in enumerate(coarse.frames) if frame not in hand]
