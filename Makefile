@@ -55,6 +55,7 @@ $(VENV)/.installed-dev: $(BIN)/python pyproject.toml constraints.txt
 	@touch $@
 
 bench: $(VENV)/.installed-dev
+	$(BIN)/python -m benchmarks latency
 	$(BIN)/python -m benchmarks learning
 	$(BIN)/python -m benchmarks reproduction
 	$(BIN)/python -m benchmarks physics

@@ -7,11 +7,13 @@ import platform
 from importlib.metadata import version
 from pathlib import Path
 
-from . import learning, physics, reproduction, tracker
+from . import latency, learning, physics, reproduction, scenes, tracker
 
 BENCHMARKS = {
+    "latency": latency.rows,
     "learning": learning.rows,
     "reproduction": reproduction.rows,
+    "scenes": scenes.rows,
     "physics": physics.rows,
     "tracker": tracker.rows,
 }

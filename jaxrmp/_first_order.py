@@ -26,6 +26,10 @@ def velocity(tree: Node, q: jax.Array, method: Method = "cholesky", time_scale: 
     eigenvalue of `M^-1 Hess Phi` at the root.
     **Raises** `ConfigurationError` naming the leaves that have no potential.
 
+    >>> from jaxrmp.leaves import Posture
+    >>> velocity(Posture(jnp.ones(2), weight=1.0, stiffness=4.0), jnp.zeros(2), time_scale=0.5).tolist()
+    [2.0, 2.0]
+
     RMPflow (Cheng et al. 2018), section 4; Rana et al. 2019, section 3, for the field.
     """
     _check_potentials(tree)
@@ -40,6 +44,10 @@ def overdamped_velocity(tree: Node, q: jax.Array, method: Method = "cholesky") -
     every joint some. The potential falls along it at the rate of the dissipation.
 
     **Arguments**, **returns** and **raises** as `velocity`.
+
+    >>> from jaxrmp.leaves import Posture
+    >>> overdamped_velocity(Posture(jnp.ones(2), weight=1.0, stiffness=4.0, damping_rate=2.0), jnp.zeros(2)).tolist()
+    [2.0, 2.0]
     """
     _check_potentials(tree)
     rest = jnp.zeros_like(q)

@@ -93,6 +93,15 @@ class GDS(GeometricDynamicalSystem):
     before the tree becomes an argument of a compiled function.
 
     Where the metric depends on velocity and m > 1, `M = G + Xi` need not be symmetric: resolve with `method="lu"`.
+
+    >>> from jax.tree_util import Partial
+    >>> spring = GDS(
+    ...     metric_of=Partial(lambda x, xd: jnp.eye(1)),
+    ...     potential_of=Partial(lambda x: 2.0 * x @ x),
+    ...     damping_of=Partial(lambda x, xd: 3.0 * jnp.eye(1)),
+    ... )
+    >>> spring(jnp.ones(1), jnp.ones(1)).f.tolist()
+    [-7.0]
     """
 
     metric_of: Callable[[jax.Array, jax.Array], jax.Array]

@@ -18,7 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
-from ._errors import RigidTransformError, ShapeError
+from ._errors import ConfigurationError, RigidTransformError, ShapeError
 from ._forms import DiagonalForm, Form, NaturalForm
 from ._linalg import length
 from ._pytree import pytree, set_field, static
@@ -122,7 +122,11 @@ def pull_form(there: Pushforward, form: Form, domain_axes: int) -> NaturalForm:
 
 @pytree
 class Identity(TaskMap):
-    """`y = x`."""
+    """`y = x`.
+
+    >>> Identity()(jnp.ones(2)).tolist()
+    [1.0, 1.0]
+    """
 
     def __call__(self, x):
         return x
@@ -137,7 +141,11 @@ class Identity(TaskMap):
 
 @pytree
 class Selection(TaskMap):
-    """`y = x[indices]`: some coordinates of a vector, in the order given."""
+    """`y = x[indices]`: some coordinates of a vector, in the order given.
+
+    >>> Selection((2, 0))(jnp.array([1.0, 2.0, 3.0])).tolist()
+    [3.0, 1.0]
+    """
 
     indices: tuple[int, ...] = static()
 
@@ -161,7 +169,11 @@ class Selection(TaskMap):
 
 @pytree
 class Affine(TaskMap):
-    """`y = A x + b`, with `A` [m, n] and `b` [m]."""
+    """`y = A x + b`, with `A` [m, n] and `b` [m].
+
+    >>> Affine(A=jnp.array([[2.0, 1.0]]), b=jnp.array([0.5]))(jnp.ones(2)).tolist()
+    [3.5]
+    """
 
     A: jax.Array
     b: jax.Array
@@ -182,6 +194,10 @@ class RigidTransform(TaskMap):
     one evaluation the frame stands still, as in the paper; the certificate speaks of that frozen frame.
 
     **Raises** `RigidTransformError` when built from numbers that are not a rigid transform.
+
+    >>> T = jnp.eye(4).at[:3, 3].set(jnp.array([1.0, 0.0, 0.0]))
+    >>> RigidTransform(T)(jnp.array([3.0, 2.0, 1.0])).tolist()
+    [2.0, 2.0, 1.0]
     """
 
     T_world_frame: jax.Array
@@ -219,7 +235,11 @@ class RigidTransform(TaskMap):
 
 @pytree
 class Translation(TaskMap):
-    """`y = x - origin`: moves `origin` (shape of x) to zero. Used to put a subtask's target at the origin."""
+    """`y = x - origin`: moves `origin` (shape of x) to zero. Used to put a subtask's target at the origin.
+
+    >>> Translation(jnp.array([1.0, 2.0]))(jnp.array([1.0, 3.0])).tolist()
+    [0.0, 1.0]
+    """
 
     origin: jax.Array
 
@@ -239,10 +259,20 @@ class Distance(TaskMap):
     """Signed distance [1] of a point to a sphere: `y = |x - center| - radius`, in metres.
 
     At the centre itself, where the direction is undefined, the Jacobian is zero rather than NaN.
+
+    **Arguments**: `center` [m]; `radius`, m.
+    **Raises** `ConfigurationError` for a negative radius.
+
+    >>> Distance(jnp.array([3.0, 4.0]), 1.0)(jnp.zeros(2)).tolist()
+    [4.0]
     """
 
     center: jax.Array
     radius: jax.Array | float = 0.0
+
+    def __post_init__(self):
+        if not isinstance(self.radius, Tracer) and not np.all(np.asarray(self.radius) >= 0):
+            raise ConfigurationError(f"radius of Distance is {self.radius}: it must not be negative.")
 
     def __call__(self, x):
         return (length(x - jnp.asarray(self.center, x.dtype)) - self.radius)[None].astype(x.dtype)
@@ -297,7 +327,11 @@ class Stack(TaskMap):
 
 @pytree
 class Pointwise(TaskMap):
-    """A map of one point, applied to each of K points [K, m] alike."""
+    """A map of one point, applied to each of K points [K, m] alike.
+
+    >>> Pointwise(Distance(jnp.zeros(2)))(jnp.array([[3.0, 4.0], [0.0, 2.0]])).tolist()
+    [[5.0], [2.0]]
+    """
 
     task_map: Callable
 
@@ -309,14 +343,22 @@ class Pointwise(TaskMap):
 
 
 def compose(*maps: Callable) -> TaskMap:
-    """Task maps one after the other, the first applied first: `compose(f, g)(x) = g(f(x))`."""
+    """Task maps one after the other, the first applied first: `compose(f, g)(x) = g(f(x))`.
+
+    >>> compose(Selection((0, 1)), Distance(jnp.zeros(2)))(jnp.array([3.0, 4.0, 9.0])).tolist()
+    [5.0]
+    """
     if not maps:
         return Identity()
     return maps[0] if len(maps) == 1 and isinstance(maps[0], TaskMap) else Composition(tuple(maps))
 
 
 def stack(*maps: Callable) -> Stack:
-    """Several task maps of the same coordinates side by side."""
+    """Several task maps of the same coordinates side by side.
+
+    >>> stack(Selection((0,)), Distance(jnp.zeros(2)))(jnp.array([3.0, 4.0])).tolist()
+    [3.0, 5.0]
+    """
     return Stack(tuple(maps))
 
 

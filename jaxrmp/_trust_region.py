@@ -23,6 +23,10 @@ def resolve_within(form: NaturalForm, max_norm: jax.Array | float, tolerance: ja
     under `vmap` a batch takes as many steps as its slowest member. A singular `M` is resolved wherever its force is
     larger than the bound allows; elsewhere the result is NaN, as from `resolve`.
 
+    >>> a = resolve_within(NaturalForm(jnp.array([30.0, 40.0]), jnp.eye(2)), max_norm=5.0)
+    >>> [round(v, 2) for v in a.tolist()]
+    [3.0, 4.0]
+
     More and Sorensen 1983, section 3: Newton's method on `1 / |a(lambda)|`, which is concave and rising.
     """
     f, M = form.f, form.M

@@ -19,6 +19,7 @@ def build_parser() -> argparse.ArgumentParser:
     _add_learn(commands)
     _add_reproduce(commands)
     _add_run(commands)
+    _add_evaluate(commands)
     _add_demonstrate(commands)
     return parser
 
@@ -104,6 +105,52 @@ def _add_run(commands) -> None:
         default=float("inf"),
         help="when it goes silent, default never",
     )
+
+
+def _add_evaluate(commands) -> None:
+    parser = commands.add_parser(
+        "evaluate",
+        help="roll a skill out from thousands of starts and report how stable it is",
+        description="Rollouts of the whole policy from many initial configurations, all at once: how each ends, rest "
+        "points away from the goal, energy, clearance, joint limits, and stability as mathematics.",
+        epilog="example: jaxrmp evaluate out/drawer_closing/drawer_closing.skill.npz --starts 4096 --json report.json",
+    )
+    parser.add_argument("skill", metavar="SKILL", help="skill file written by jaxrmp learn")
+    parser.add_argument("--starts", metavar="N", type=int, default=4096, help="how many starts, default 4096")
+    parser.add_argument("--seed", metavar="S", type=int, default=0, help="random seed of the starts, default 0")
+    parser.add_argument(
+        "--margin", metavar="RAD", type=float, default=0.05, help="distance of starts from joint limits, default 0.05"
+    )
+    parser.add_argument(
+        "--around", metavar="RAD", type=float, help="start within RAD of demonstrated starts, not all over the range"
+    )
+    parser.add_argument("--demos", metavar="DIR", help="for --around: " + DEMOS + "those it was learned from")
+    parser.add_argument("--start-file", metavar="FILE", type=Path, help="NPY file of starts [N, n] instead")
+    parser.add_argument(
+        "--physics",
+        choices=("kinematic", "mujoco", "mjx"),
+        default="kinematic",
+        help="what moves the joints: the policy itself (default), native MuJoCo, or MJX",
+    )
+    parser.add_argument("--scene", metavar="NAME", help="drawer, drawer_obstacle or door; default the arm alone")
+    parser.add_argument("--robot", metavar="FILE", help="robot file, if it is no longer where the skill was learned")
+    parser.add_argument("--dt", metavar="S", type=float, default=0.001, help="seconds a step, default 0.001")
+    parser.add_argument(
+        "--duration", metavar="S", type=float, default=120.0, help="seconds until a rollout is given up, default 120"
+    )
+    parser.add_argument(
+        "--tolerance", metavar="M", type=float, default=0.01, help="distance from the targets that counts, default 0.01"
+    )
+    parser.add_argument("--batch", metavar="N", type=int, default=1024, help="starts at a time, default 1024")
+    parser.add_argument("--json", metavar="FILE", type=Path, help="write the report as JSON, and its page beside it")
+    parser.add_argument("--html", metavar="FILE", type=Path, help="write the page, default beside --json")
+    parser.add_argument("--strict", action="store_true", help="exit code 1 if any start fails or diverges")
+    parser.add_argument("--replay", metavar="INDEX", type=int, help="roll out from this one start again and say how")
+    parser.add_argument("--save", metavar="FILE", type=Path, help="for --replay: write its states as NPZ: time, q, qd")
+    parser.add_argument("--devices", metavar="N", type=int, help="use N virtual devices on a CPU, such as its cores")
+    parser.add_argument("--processes", metavar="N", type=int, default=1, help="share the starts among N processes")
+    parser.add_argument("--process", metavar="I", type=int, help="be number I of them (else all are started here)")
+    parser.add_argument("--coordinator", metavar="HOST:PORT", help="with --process: where process 0 listens")
 
 
 def _add_demonstrate(commands) -> None:

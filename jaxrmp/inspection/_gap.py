@@ -17,6 +17,10 @@ def gap(leaf: Node, x: jax.Array) -> jax.Array:
 
     **Arguments**: `leaf`, any node at the end of a branch; `x`, its task position, of any shape.
     **Returns** a scalar, units of x.
+
+    >>> from jaxrmp.leaves import Attractor
+    >>> float(gap(Attractor(goal=jnp.array([3.0, 4.0])), jnp.zeros(2)))
+    5.0
     """
     own = getattr(leaf, "gap", None)
     if callable(own):

@@ -45,6 +45,11 @@ def inspect(tree: Node, q: jax.Array, qd: jax.Array, method: Method = "cholesky"
     acceleration is resolved, see `resolve`.
     **Returns** an `Inspection`. A whole rollout at once: `jax.jit(jax.vmap(inspect, (None, 0, 0)))(tree, path.q,
     path.qd)`, all arrays then with a leading axis of time.
+
+    >>> from jaxrmp.leaves import Damping, Posture
+    >>> found = inspect(Posture(jnp.ones(2)) + Damping(), jnp.zeros(2), jnp.zeros(2))
+    >>> found.names, found.force_share.round(3).tolist()
+    (('posture', 'damping'), [1.0, 0.0])
     """
     groups = rows_of(tree, q, qd)
     f, M = (jnp.concatenate([getattr(rows, name) for rows in groups]) for name in ("f", "M"))

@@ -42,7 +42,7 @@ _POSITIVE_ENDINGS = ("_length_scale", "_std_dev", "_eps", "_thresh", "_radius", 
 _FLAGS = {"target_rmp": ("accept_user_weights",), "axis_target_rmp": ("accept_user_weights",)}
 
 
-class Capsules(NamedTuple):
+class BaseCapsules(NamedTuple):
     """Capsules fixed in the robot's base frame: ends `start`, `end` [n, 3], m, and `radius` [n], m."""
 
     start: np.ndarray
@@ -60,7 +60,7 @@ class RmpflowSettings(NamedTuple):
     gains: dict[str, dict[str, float]]
     max_acceleration_norm: float
     projection_tolerance: float
-    capsules: Capsules
+    capsules: BaseCapsules
     controllers: dict[str, float]
     controller_lines: dict[str, Setting]
     inactive: tuple[str, ...]
@@ -113,7 +113,7 @@ def read_rmpflow(path: str | os.PathLike, num_joints: int) -> RmpflowSettings:
         gains,
         limit,
         tolerance,
-        Capsules(
+        BaseCapsules(
             np.array([end["pt1"].numbers(3) for end in ends]).reshape(-1, 3),
             np.array([end["pt2"].numbers(3) for end in ends]).reshape(-1, 3),
             np.array([_constant(end["radius"]) for end in ends]),

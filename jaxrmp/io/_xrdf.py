@@ -69,9 +69,13 @@ def _world_spheres(keys: dict[str, Setting], lines: dict[str, Setting]) -> Robot
         radius = numbers["radius"].number()
         if radius < 0:
             numbers["radius"].fail(f"a radius must not be negative, received {radius}")
+        if frame in buffers:
+            radius += buffers[frame].number()
+            if radius < 0:
+                buffers[frame].fail(f"the distance leaves a sphere of {frame} the radius {radius:g}, less than nothing")
         frames.append(frame)
         centers.append(numbers["center"].numbers(3))
-        radii.append(radius + (buffers[frame].number() if frame in buffers else 0.0))
+        radii.append(radius)
     return RobotSpheres(tuple(frames), np.array(centers).reshape(-1, 3), np.array(radii))
 
 

@@ -9,12 +9,13 @@ import numpy as np
 
 from .._errors import ShapeError
 from .._forms import NaturalForm
+from .._materialise import materialise
 from .._pytree import pytree, set_field, static
 from .._task_map import Pushforward, TaskMap, Transport
 from ._forward import configuration
 from ._motion import BodyMotion, JointAxis, attach, carry, move
 from ._robot import KinematicModel, Robot
-from ._scalars import ZERO, Vector, add3, cross, rotate, scale, sub3
+from ._scalars import ZERO, Vector, add3, cross, mul, rotate, scale, sub3
 
 
 @pytree
@@ -27,6 +28,10 @@ class ControlPoints(TaskMap):
     [K, 3], Jacobians `J` [K, 3, n] and `c = Jdot qd` [K, 3] in one pass: column i of J is `z_i x (y - o_i)` for a
     revolute joint with axis `z_i` through `o_i`, and `z_i` for a prismatic one.
     **Raises** `UnknownNameError` for an unknown frame, `ShapeError` for wrong shapes.
+
+    >>> from jaxrmp.kinematics import panda
+    >>> jax.eval_shape(ControlPoints(panda(), "panda_hand", np.zeros((2, 3))), np.zeros(7)).shape
+    (2, 3)
 
     Siciliano et al., Robotics: Modelling, Planning and Control, section 3.1.
     """
@@ -69,19 +74,27 @@ class ControlPoints(TaskMap):
         return Pushforward(*(self._in_order(column) for column in zip(*groups, strict=True)))
 
     def transport(self, x, xd):
-        at = self.pushforward(x, xd)
-        # With the points as the last axis, the longest, of every product.
-        J, c = jnp.moveaxis(at.J, 0, -1), at.c.T
+        x, xd = configuration(self.robot, x), configuration(self.robot, xd, "xd")
+        motions, axes = self._point_motions(x, xd)
+        bodies = [0] * len(self.frames)
+        groups = []
+        for body, k, motion in motions:
+            for i in k:
+                bodies[i] = body
+            entries = (motion.position, motion.velocity, motion.acceleration)
+            groups.append([rows(v, (len(k),), x.dtype) for v in entries])
+        y, yd, c = (self._in_order(column) for column in zip(*groups, strict=True))
 
         def pull(form):
-            form = form.dense()
-            M, f = jnp.moveaxis(form.M, 0, -1), form.f.T
-            MJ = [sum(M[i, j] * J[j] for j in range(3)) for i in range(3)]
-            f = jnp.stack([f[i] - sum(M[i, j] * c[j] for j in range(3)) for i in range(3)])
-            flat = jnp.moveaxis(J, 1, 0).reshape(J.shape[1], -1)
-            return NaturalForm(flat @ f.reshape(-1), flat @ jnp.concatenate(MJ, axis=-1).T)
+            form, at = form.dense(), [materialise(y[:, i]) for i in range(3)]
+            M = [[materialise(form.M[:, i, j]) for j in range(3)] for i in range(3)]
+            f = [form.f[:, i] - sum(M[i][j] * c[:, j] for j in range(3)) for i in range(3)]
+            J = jacobian_rows(self.robot.model, bodies, (at[0], at[1], at[2]), axes, x.dtype)
+            MJ = [jnp.asarray(sum(M[i][j] * J[j] for j in range(3))) for i in range(3)]
+            parts = [NaturalForm(J[i] @ f[i], J[i] @ MJ[i].T) for i in range(3)]
+            return parts[0] + parts[1] + parts[2]
 
-        return Transport(at.y, at.yd, pull)
+        return Transport(y, yd, pull)
 
     def _groups(self) -> list[tuple[str, list[int]]]:
         """Each distinct frame with the indices of its points."""
@@ -105,6 +118,39 @@ class ControlPoints(TaskMap):
         order = [k for _, points in self._groups() for k in points]
         joined = jnp.concatenate(groups)
         return joined if order == sorted(order) else joined[np.argsort(order)]
+
+
+def jacobian_rows(
+    model: KinematicModel, bodies: Sequence[int], position: Vector, axes: dict[int, JointAxis], dtype: Any
+) -> Vector:
+    """The transposed rows of the Jacobian of K points at `position` (entries [K]) on `bodies`: three arrays [n, K].
+
+    As `jacobian_columns`, for points on different bodies at once and with the longer axis last.
+    """
+    joints = [i for i in axes if model.joints[i].coordinate >= 0]
+    if not joints:
+        still = jnp.zeros((len(model.joint_names), len(bodies)), dtype)
+        return still, still, still
+    above = [{i for b in model.path(body) for i in model.joints_of_body[b]} for body in bodies]
+    moved = np.array([[i in found for found in above] for i in joints], dtype).reshape(len(joints), len(bodies))
+    along = [scale(model.joints[i].multiplier, axes[i].direction) for i in joints]
+    turns = [model.joints[i].kind == "revolute" for i in joints]
+    directions = _entries([v if turn else ZERO for v, turn in zip(along, turns, strict=True)], dtype)
+    slides = _entries([ZERO if turn else v for v, turn in zip(along, turns, strict=True)], dtype)
+    anchors = _entries([axes[i].anchor for i in joints], dtype)
+    directions, slides, anchors = (
+        tuple(v if isinstance(v, float) else v[:, None] for v in vector) for vector in (directions, slides, anchors)
+    )
+    entries = (mul(moved, v) for v in add3(cross(directions, sub3(position, anchors)), slides))
+    # A planar arm has a row that is the number zero.
+    x, y, z = (jnp.broadcast_to(jnp.asarray(v, dtype), moved.shape) for v in entries)
+    of_coordinate = [model.joints[i].coordinate for i in joints]
+    n = len(model.joint_names)
+    if of_coordinate == list(range(n)):
+        return x, y, z
+    # Joints that share a coordinate add up, and a coordinate without a joint above the points has none.
+    sums = np.array([[c == i for c in of_coordinate] for i in range(n)], dtype).reshape(n, len(joints))
+    return sums @ x, sums @ y, sums @ z
 
 
 def jacobian_columns(

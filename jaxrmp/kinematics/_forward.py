@@ -16,6 +16,10 @@ def forward_kinematics(robot: Robot, q: jax.Array, frame: str) -> jax.Array:
     **Arguments**: `q`, joint positions [n], rad or m; `frame`, the name of a body or site.
     **Returns** `T_world_frame` [4, 4]; differentiable, in `q`'s dtype.
     **Raises** `UnknownNameError` if there is no such frame, `ShapeError` if `q` is not [n].
+
+    >>> from jaxrmp.kinematics import panda
+    >>> round(float(forward_kinematics(panda(), jnp.zeros(7), "panda_link1")[2, 3]), 4)
+    0.333
     """
     return frame_poses(robot, q, (frame,))[0]
 

@@ -24,6 +24,10 @@ class FrameAxes(TaskMap):
     zero for a prismatic one, and `c = alpha x y + omega x (omega x y)` with the angular acceleration at `qdd = 0`.
     **Raises** `UnknownNameError` for an unknown frame, `ShapeError` for axes other than 0, 1, 2.
 
+    >>> from jaxrmp.kinematics import panda
+    >>> [round(v, 4) + 0.0 for v in FrameAxes(panda(), "panda_link1", axes=2)(jnp.zeros(7))[0].tolist()]
+    [0.0, 0.0, 1.0]
+
     Siciliano et al., Robotics: Modelling, Planning and Control, section 3.1.
     """
 
@@ -80,6 +84,10 @@ class FrameRotation(TaskMap):
     **Arguments**: `robot`; `frame`, the name of a body or site. The pushforward is that of `FrameAxes`, and
     `J^T J = 2 J_omega^T J_omega` with the Jacobian of the angular velocity.
     **Raises** `UnknownNameError` for an unknown frame.
+
+    >>> from jaxrmp.kinematics import panda
+    >>> FrameRotation(panda(), "panda_link1")(jnp.zeros(7)).shape
+    (9,)
     """
 
     robot: Robot

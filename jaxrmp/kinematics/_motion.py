@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ._materialise import materialise
+from .._materialise import materialise
 from ._robot import Joint, KinematicModel
 from ._scalars import (
     IDENTITY,

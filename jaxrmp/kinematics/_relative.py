@@ -16,6 +16,11 @@ class RelativePoints(TaskMap):
     **Arguments**: `points_a`, `points_b`, two maps of the same joints to points [K, 3] (one of them may give [1, 3]),
     such as `ControlPoints` of two arms.
     **Returns**, called with `q` [n], the differences [K, 3], m.
+
+    >>> from jaxrmp.kinematics import panda
+    >>> hand, elbow = (ControlPoints(panda(), name) for name in ("panda_hand", "panda_link4"))
+    >>> RelativePoints(hand, elbow)(jnp.zeros(7)).shape
+    (1, 3)
     """
 
     points_a: TaskMap
@@ -38,6 +43,11 @@ class PointsInFrame(TaskMap):
     **Arguments**: `robot`; `frame`, the name of a body or site; `points`, a map of the same joints to points [K, 3].
     **Returns**, called with `q` [n], the points in the frame [K, 3], m.
     **Raises** `UnknownNameError` for an unknown frame.
+
+    >>> from jaxrmp.kinematics import panda
+    >>> hand = ControlPoints(panda(), "panda_hand")
+    >>> bool(jnp.allclose(PointsInFrame(panda(), "panda_hand", hand)(jnp.ones(7)), 0.0, atol=1e-6))
+    True
     """
 
     robot: Robot

@@ -49,3 +49,5 @@ from ._skill_file import load_skill as load_skill
 from ._skill_file import save_skill as save_skill
 from ._subtask_trajectories import SubtaskTrajectories as SubtaskTrajectories
 from ._subtask_trajectories import subtask_trajectories as subtask_trajectories
+from ._support import Support as Support
+from ._support import support_of_path as support_of_path

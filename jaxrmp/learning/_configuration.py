@@ -66,7 +66,8 @@ class PotentialSettings:
 class MetricSettings:
     """The metric's network and training, see `train_metrics`. Every other sample is trained on, each with a copy
     displaced by normal noise of standard deviation `spread`, m, and the same target velocity, so that the field is
-    smooth in a tube around the demonstrations."""
+    smooth in a tube around the demonstrations. `reach`, m, of the metric's support around the nominal demonstration,
+    beyond which it becomes the identity; 0 for the network everywhere, as published."""
 
     hidden: tuple[int, ...] = (128, 64)
     activation: str = "relu"
@@ -77,10 +78,11 @@ class MetricSettings:
     learning_rate: float = 0.005
     weight_decay: float = 3e-5
     spread: float = 0.01
+    reach: float = 0.1
 
     def __post_init__(self):
         _require("metric", self, positive=("hidden", "offset", "length_scale", "updates", "learning_rate"))
-        _require("metric", self, not_negative=("weight_decay", "spread"))
+        _require("metric", self, not_negative=("weight_decay", "spread", "reach"))
         for name, valid in (("activation", ACTIVATIONS), ("loss", LOSSES)):
             if getattr(self, name) not in valid:
                 raise UnknownNameError(name, getattr(self, name), valid)

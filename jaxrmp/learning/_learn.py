@@ -20,6 +20,7 @@ from ._potential_choice import PotentialChoice, choose_potential
 from ._preprocessing import Preprocessed, preprocess
 from ._skill import Skill, joint_leaves, mean_pose, rigid_targets
 from ._subtask_trajectories import SubtaskTrajectories, subtask_trajectories
+from ._support import support_of_path
 
 Progress = Callable[[str, float], None]
 _BEYOND_LIMITS = 0.2  # rad or m: recordings may sit a little outside a model's limits, degrees do not
@@ -262,12 +263,16 @@ def _train(
     slope = jax.jit(jax.vmap(lambda potential, x: jax.vmap(jax.grad(potential))(x)))(potential, x)
     settings = asdict(configuration.metric)
     del settings["spread"]
+    reach = settings.pop("reach")
+    paths = np.asarray(potential.points)
+    support = _stacked([support_of_path(path, reach) for path in paths]) if reach > 0 else None
     updates = configuration.metric.updates
     return train_metrics(
         x,
         slope,
         velocity,
         seed=configuration.seed,
+        support=support,
         progress=lambda done, loss: progress("metrics", done / updates),
         **settings,
     )

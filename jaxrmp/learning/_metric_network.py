@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from .._errors import MissingDependencyError, UnknownNameError
 from .._pytree import pytree, static
 from ._configuration import ACTIVATIONS
+from ._support import Support
 
 try:
     import flax.linen as nn
@@ -59,12 +60,17 @@ def _lower_triangular(diagonal, below):
 class CholeskyFactor:
     """A trained Cholesky factor: `x -> L` [m, m], lower triangular, diagonal at least `offset`.
 
+    With a support, `L = w L_network + (1 - w) I`: what a network makes of places far from all that it was trained on
+    is arbitrary (it grows, and slows motion down to a crawl); there the policy descends the potential itself.
+
     **Arguments**: `weights`, the network's, as nested dicts of arrays; `length_scale`, metres, by which positions are
-    divided on the way in; `dimension` m, `hidden` layer widths, `activation` (relu, softplus, silu or tanh), `offset`.
+    divided on the way in; `support`, of the weight w, None for the network everywhere; `dimension` m, `hidden` layer
+    widths, `activation` (relu, softplus, silu or tanh), `offset`.
     """
 
     weights: Any
     length_scale: jax.Array | float
+    support: Support | None = None
     dimension: int = static(default=3)
     hidden: tuple[int, ...] = static(default=(128, 64))
     activation: str = static(default="relu")
@@ -73,7 +79,11 @@ class CholeskyFactor:
     def __call__(self, x: jax.Array) -> jax.Array:
         network = CholeskyNetwork(self.dimension, self.hidden, self.activation, self.offset)
         weights = jax.tree.map(lambda w: jnp.asarray(w, x.dtype), self.weights)
-        return jnp.asarray(network.apply({"params": weights}, x / jnp.asarray(self.length_scale, x.dtype)))
+        L = jnp.asarray(network.apply({"params": weights}, x / jnp.asarray(self.length_scale, x.dtype)))
+        if self.support is None:
+            return L
+        w = self.support(x)
+        return w * L + (1 - w) * jnp.eye(self.dimension, dtype=x.dtype)
 
 
 def initial_cholesky_factor(
@@ -83,6 +93,7 @@ def initial_cholesky_factor(
     activation: str = "relu",
     offset: float = 1e-3,
     length_scale: float = 1.0,
+    support: Support | None = None,
 ) -> CholeskyFactor:
     """A Cholesky factor before training: near the identity everywhere.
 
@@ -92,4 +103,4 @@ def initial_cholesky_factor(
         raise UnknownNameError("activation", activation, ACTIVATIONS)
     network = CholeskyNetwork(dimension, tuple(hidden), activation, offset)
     weights = network.init(key, jnp.zeros(dimension))["params"]
-    return CholeskyFactor(weights, jnp.asarray(length_scale), dimension, tuple(hidden), activation, offset)
+    return CholeskyFactor(weights, jnp.asarray(length_scale), support, dimension, tuple(hidden), activation, offset)

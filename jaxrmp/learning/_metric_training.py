@@ -15,6 +15,7 @@ from .._errors import ConfigurationError, MissingDependencyError, TrainingError,
 from ..leaves import natural_gradient_field
 from ._configuration import LOSSES
 from ._metric_network import CholeskyFactor, initial_cholesky_factor
+from ._support import Support
 
 try:
     import optax
@@ -58,6 +59,7 @@ def train_metrics(
     activation: str = "relu",
     offset: float = 1e-3,
     length_scale: float = 1.0,
+    support: Support | None = None,
     progress: Callable[[int, float], None] | None = None,
 ) -> MetricFit:
     """Train the Cholesky factors of K subtasks so that `-M^-1 slope` reproduces `velocity` at all points.
@@ -65,7 +67,8 @@ def train_metrics(
     Full-batch Adam with a learning rate that falls to zero along a cosine, all subtasks in one compiled loop.
 
     **Arguments**: `x` [K, N, m], positions, metres; `slope` [K, N, m], the potentials' gradients there; `velocity`
-    [K, N, m], what the field should be; `progress`, called with the updates done and the mean loss.
+    [K, N, m], what the field should be; `support`, K of them, stacked: where the networks count,
+    by default everywhere; `progress`, called with the updates done and the mean loss.
     **Returns** a `MetricFit`.
     **Raises** `TrainingError` if a loss is not finite; `UnknownNameError` for an unknown loss or activation.
 
@@ -76,9 +79,11 @@ def train_metrics(
     if updates < 1:
         raise ConfigurationError(f"updates is {updates!r}, expected at least 1.")
     keys = jax.random.split(jax.random.key(seed), x.shape[0])
-    factors = jax.vmap(lambda key: initial_cholesky_factor(key, x.shape[-1], hidden, activation, offset, length_scale))(
-        keys
-    )
+
+    def initial(key, support):
+        return initial_cholesky_factor(key, x.shape[-1], hidden, activation, offset, length_scale, support)
+
+    factors = jax.vmap(initial)(keys, support)
     schedule = optax.cosine_decay_schedule(learning_rate, updates)
     optimizer = optax.chain(
         optax.add_decayed_weights(weight_decay), optax.scale_by_adam(), optax.scale_by_learning_rate(schedule)

@@ -19,11 +19,13 @@ from ..leaves import Damping, JointLimit, Learned, NominalPotential
 from ._configuration_file import configuration_from_dict, configuration_to_dict
 from ._metric_network import CholeskyFactor, initial_cholesky_factor
 from ._skill import Skill
+from ._support import Support
 
 FORMAT, VERSION = "jaxrmp skill", 2
 _HEADER = "header.json"
 _DAMPING = ("weight", "damping_rate")
 _LIMIT = ("lower", "upper", "rest", "weight", "sigma", "stiffness", "damping_rate", "barrier", "reach", "frequency")
+_SUPPORT = ("anchors", "reach", "strength")
 _POTENTIAL = ("points", "biases", "end_slope", "width", "sharpness")
 
 
@@ -35,6 +37,8 @@ def save_skill(skill: Skill, path: str | os.PathLike) -> Path:
     arrays = {f"potential/{name}": getattr(skill.learned.potential_of, name) for name in _POTENTIAL}
     arrays |= {f"metric/{layer}/{name}": a for layer, d in factor.weights.items() for name, a in d.items()}
     arrays |= {"metric/length_scale": factor.length_scale}
+    if factor.support is not None:
+        arrays |= {f"support/{name}": getattr(factor.support, name) for name in _SUPPORT}
     arrays |= {"gains/speed": skill.learned.speed, "gains/damping_rate": skill.learned.damping_rate}
     arrays |= {name: getattr(skill, name) for name in ("offsets", "targets", "T_world_object")}
     arrays |= {f"joint_damping/{name}": getattr(skill.joint_damping, name) for name in _DAMPING}
@@ -55,6 +59,7 @@ def save_skill(skill: Skill, path: str | os.PathLike) -> Path:
             "hidden": list(factor.hidden),
             "activation": factor.activation,
             "offset": factor.offset,
+            "supported": factor.support is not None,
         },
         "configuration": configuration_to_dict(skill.configuration),
         "arrays": {name: [str(a.dtype), list(a.shape)] for name, a in arrays.items()},
@@ -100,7 +105,7 @@ def load_skill(path: str | os.PathLike) -> Skill:
 def _skill_from(header: dict[str, Any], arrays: dict[str, np.ndarray]) -> Skill:
     known = {"format", "version", "jaxrmp", "frames", "subtasks", "limited", "robot_fingerprint", "source"}
     _same("header entries", header, known | {"network", "configuration", "arrays"})
-    _same("network entries", header["network"], {"dimension", "hidden", "activation", "offset"})
+    _same("network entries", header["network"], {"dimension", "hidden", "activation", "offset", "supported"})
     configuration = configuration_from_dict(header["configuration"])
     found = {name: [str(a.dtype), list(a.shape)] for name, a in arrays.items()}
     _same("arrays (by name, type and shape)", found.items(), header["arrays"].items())
@@ -121,7 +126,8 @@ def _skill_from(header: dict[str, Any], arrays: dict[str, np.ndarray]) -> Skill:
         layer: {name: _taken(left, f"metric/{layer}/{name}", (K, *jnp.shape(a))) for name, a in parameters.items()}
         for layer, parameters in template.weights.items()
     }
-    factor = replace(template, weights=weights, length_scale=_taken(left, "metric/length_scale", (K,)))
+    support = Support(*(left.pop(f"support/{name}") for name in _SUPPORT)) if network["supported"] else None
+    factor = replace(template, weights=weights, length_scale=_taken(left, "metric/length_scale", (K,)), support=support)
     potential = NominalPotential(*(left.pop(f"potential/{name}") for name in _POTENTIAL))
     damping = Damping(*(left.pop(f"joint_damping/{name}") for name in _DAMPING), name="joint_damping")
     limited = tuple(header["limited"])

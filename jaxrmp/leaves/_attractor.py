@@ -23,6 +23,10 @@ class Attractor(GeometricDynamicalSystem):
     1/units of x; `gain`, units of x per second squared; `damping_rate`, 1/s.
     **Raises** `ConfigurationError` for a width or sharpness that is not positive, or another negative parameter.
 
+    >>> leaf = Attractor(goal=jnp.zeros(3), weight_near=10.0)
+    >>> leaf.metric(jnp.zeros(3), jnp.zeros(3))[0].tolist()
+    [10.0, 0.0, 0.0]
+
     RMPflow (Cheng et al. 2018), appendix on experiments, attractor.
     """
 

@@ -19,6 +19,9 @@ class Damping(SeparableGDS):
     the root metric invertible without being felt elsewhere.
     **Raises** `ConfigurationError` for a negative weight or rate.
 
+    >>> Damping(weight=2.0, damping_rate=3.0)(jnp.zeros(2), jnp.ones(2)).f.tolist()
+    [-6.0, -6.0]
+
     RMPflow (Cheng et al. 2018), damper.
     """
 

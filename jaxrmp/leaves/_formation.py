@@ -20,6 +20,9 @@ class Formation(SeparableGDS):
     **Arguments**: `weight` w, the metric; `gain`, 1/s^2; `damping_rate`, 1/s; numbers or [m].
     **Raises** `ConfigurationError` for a negative parameter.
 
+    >>> Formation(gain=4.0)(jnp.array([0.5]), jnp.zeros(1)).f.tolist()
+    [-2.0]
+
     Li et al. 2019, multi-robot RMPflow, distance preservation.
     """
 

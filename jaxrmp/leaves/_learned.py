@@ -9,6 +9,7 @@ from .._forms import NaturalForm
 from .._gds import GeometricDynamicalSystem
 from .._linalg import solve_lower, solve_lower_transposed
 from .._pytree import pytree, static
+from ._parameters import require
 
 
 @pytree
@@ -21,6 +22,12 @@ class Learned(GeometricDynamicalSystem):
 
     **Arguments**: `potential_of`, `x -> Phi`, slope about 1; `cholesky_of`, `x -> L` [m, m], lower triangular with
     positive diagonal; `speed`, m/s; `damping_rate`, 1/s. `potential_of` and `cholesky_of` are callable pytrees.
+    **Raises** `ConfigurationError` for a negative speed or rate.
+
+    >>> from jax.tree_util import Partial
+    >>> leaf = Learned(Partial(lambda x: 0.5 * x @ x), Partial(lambda x: jax.numpy.eye(2)))
+    >>> leaf.field(jax.numpy.array([3.0, 4.0])).tolist()
+    [-3.0, -4.0]
 
     Rana et al. 2019, equations 1 and 8.
     """
@@ -31,6 +38,9 @@ class Learned(GeometricDynamicalSystem):
     damping_rate: jax.Array | float = 20.0
     name: str = static(default="learned")
     has_goal = True
+
+    def __post_init__(self):
+        require(self, non_negative=("speed", "damping_rate"))
 
     def __call__(self, x, xd):
         # G = L L^T does not depend on velocity: its curvature terms take one pass along xd and one pass back.

@@ -22,6 +22,11 @@ class NominalPotential:
     `end_slope` g [m]; `width`, kernel width, metres; `sharpness` eta, 1/m: beyond 1/eta from the trajectory the pull
     towards it has unit slope.
 
+    >>> points, biases = jnp.array([[1.0, 0.0], [0.0, 0.0]]), jnp.array([1.0, 0.0])
+    >>> valley = NominalPotential(points, biases, jnp.zeros(2), width=0.1, sharpness=50.0)
+    >>> round(float(valley(points[0]) - valley(points[1])), 4)
+    1.0
+
     Rana et al. 2019, equations 4 to 6, with the end correction of this library. Smooth everywhere.
     """
 
@@ -82,7 +87,10 @@ _potential.defjvp(_derivative, symbolic_zeros=True)
 
 def _distances_and_weights(x, points, width):
     """Squared distances to the points [T], and the kernels' shares there [T]."""
-    square = sum((x[i] - points[:, i]) ** 2 for i in range(points.shape[1]))
+    # Coordinate by coordinate, since XLA does badly with arrays whose last axis is as short as 3.
+    square = jnp.zeros(points.shape[:1], x.dtype)
+    for i in range(points.shape[1]):
+        square = square + (x[i] - points[:, i]) ** 2
     # Far away every kernel underflows, and the plain quotient of kernels with it; the softmax does not.
     return square, jax.nn.softmax(-square / (2 * width**2))
 

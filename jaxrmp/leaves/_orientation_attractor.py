@@ -34,6 +34,10 @@ class OrientationAttractor(GeometricDynamicalSystem):
     **Raises** `RigidTransformError` if the goal is no rotation, `ShapeError` if it is not [3, 3], `ConfigurationError`
     for a rounding that is not positive or another negative parameter.
 
+    >>> leaf = OrientationAttractor(R_world_goal=jnp.eye(3))
+    >>> round(float(leaf.gap(jnp.array([0.0, -1, 0, 1, 0, 0, 0, 0, 1]))), 4)  # a quarter turn away
+    1.5708
+
     Bullo and Lewis, Geometric Control of Mechanical Systems, chapter 11 (error functions on SO(3)).
     """
 

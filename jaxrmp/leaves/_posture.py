@@ -19,6 +19,9 @@ class Posture(SeparableGDS):
     `damping_rate`, 1/s. The gains may be numbers or [n].
     **Raises** `ConfigurationError` for a negative gain.
 
+    >>> Posture(rest=jnp.ones(2), weight=1.0, stiffness=4.0)(jnp.zeros(2), jnp.zeros(2)).f.tolist()
+    [4.0, 4.0]
+
     RMPflow (Cheng et al. 2018), the isotropic attractor with a constant metric.
     """
 

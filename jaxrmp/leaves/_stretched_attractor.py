@@ -28,6 +28,11 @@ class StretchedAttractor(GeometricDynamicalSystem):
     1/units of x; `gain`, units of x per second squared; `damping_rate`, 1/s.
     **Raises** `ConfigurationError` for a width, sharpness or floor that is not positive, or another negative parameter.
 
+    >>> leaf = StretchedAttractor(goal=jnp.zeros(2), weight_far=1.0, stretch_width=0.1)
+    >>> along, across = jnp.diag(leaf.metric(jnp.array([9.0, 0.0]), jnp.zeros(2))).tolist()
+    >>> bool(along > 100 * across)
+    True
+
     RMPflow (Cheng et al. 2018), appendix on experiments, attractor; here with Gaussian bumps and the damping
     `damping_rate G`.
     """

@@ -57,7 +57,8 @@ def warn_if_stiff(
         warnings.warn(
             f"explicit integration with dt = {dt:.3g} s {what}: damping rate times step is {k * dt:.3g}, stiffness "
             f"times step squared {w * dt * dt:.3g}. The longest stable step here is {longest:.3g} s, and half "
-            f"of it does not ring: use rollout(..., substeps={int(np.ceil(2 * dt / longest))}) or a smaller dt.",
+            f"of it does not ring: divide the step by {int(np.ceil(2 * dt / longest))}, by substeps of rollout or a "
+            "smaller dt.",
             StiffnessWarning,
             stacklevel=stacklevel,
         )

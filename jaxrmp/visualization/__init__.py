@@ -1,6 +1,7 @@
 """Pictures of what was learned and of how well it is reproduced. Functions return figures; nothing is shown."""
 
 from ._energy import energy_figure as energy_figure
+from ._evaluation import evaluation_figures as evaluation_figures
 from ._inspection import inspection_figure as inspection_figure
 from ._loss import loss_figure as loss_figure
 from ._physics import physics_figure as physics_figure

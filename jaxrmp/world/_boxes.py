@@ -9,7 +9,7 @@ from jax.core import Tracer
 
 from .._pytree import pytree
 from .._task_map import check_rigid
-from ._components import components, magnitude, outside_corner, to_local
+from ._components import components, corner_derivatives, magnitude, outside_corner, to_local, turned
 from ._obstacles import PaddedObstacles, padded, refuse_negative, set_fields
 
 
@@ -23,6 +23,10 @@ class Boxes(PaddedObstacles):
     [n], bool, by default all.
     **Raises** `RigidTransformError` for a pose that is not rigid, `ConfigurationError` for extents that are negative,
     `ShapeError` for wrong shapes.
+
+    >>> from jaxrmp.world import World
+    >>> World(boxes=Boxes.of([(np.eye(4), (1, 1, 1))])).signed_distance(jnp.array([3.0, 0.0, 0.0])).tolist()
+    [2.0]
     """
 
     T_world_box: Any
@@ -42,6 +46,19 @@ class Boxes(PaddedObstacles):
         return cls(T, half_extents, active)
 
     def distance(self, p):
+        _, faces = self._local(p)
+        return outside_corner(*faces)
+
+    def derivatives(self, p, v):
+        local, faces = self._local(p)
+        signs = [jnp.where(x >= 0, 1, -1).astype(x.dtype) for x in local]
+        rates = [s * rate for s, rate in zip(signs, turned(self.T_world_box, v), strict=True)]
+        slopes, bend = corner_derivatives(faces, rates)
+        x, y, z = (s * slope for s, slope in zip(signs, slopes, strict=True))
+        return turned(self.T_world_box, (x, y, z), back=True), bend
+
+    def _local(self, p):
+        """Points in the boxes' frames, and their signed distances to the three nearer faces."""
         local = to_local(self.T_world_box, p)
-        half = components(jnp.asarray(self.half_extents, p[0].dtype))
-        return outside_corner(*(magnitude(x) - h for x, h in zip(local, half, strict=True)))
+        half = components(self.half_extents, p[0].dtype)
+        return local, [magnitude(x) - h for x, h in zip(local, half, strict=True)]

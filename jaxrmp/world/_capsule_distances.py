@@ -37,6 +37,12 @@ class CapsuleDistances(TaskMap):
     **Arguments**: `points_a`, `points_b`, maps x [n] -> [K, 3] to the ends of the axes, m; `world`; `radii` [K] or a
     number, m.
     **Raises** `ConfigurationError` for a negative radius, `ShapeError` when called if shapes do not fit.
+
+    >>> from jaxrmp.world import Spheres
+    >>> scene = World(spheres=Spheres.of([((0, 0, 2), 0.5)]))
+    >>> link = CapsuleDistances(lambda x: x[None], lambda x: x[None] + jnp.array([0, 0, 1.0]), scene, radii=0.25)
+    >>> link(jnp.zeros(3)).tolist()
+    [0.25]
     """
 
     points_a: Callable[[jax.Array], jax.Array]

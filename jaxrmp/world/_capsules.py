@@ -6,7 +6,7 @@ from typing import Any
 import jax.numpy as jnp
 
 from .._pytree import pytree
-from ._components import components, difference, dot, fraction, length
+from ._components import along, components, difference, dot, fraction, length, length_derivatives
 from ._obstacles import PaddedObstacles, padded, refuse_infinite, refuse_negative, set_fields
 
 
@@ -16,6 +16,10 @@ class Capsules(PaddedObstacles):
 
     **Arguments**: `start`, `end` [n, 3], the ends of the axes, m; `radius` [n], m; `active` [n], bool, by default all.
     **Raises** `ConfigurationError` for a radius that is negative, `ShapeError` for wrong shapes.
+
+    >>> from jaxrmp.world import World
+    >>> World(capsules=Capsules.of([((0, 0, -1), (0, 0, 1), 0.5)])).signed_distance(jnp.array([2.0, 0, 0])).tolist()
+    [1.5]
     """
 
     start: Any
@@ -35,11 +39,22 @@ class Capsules(PaddedObstacles):
         return cls(start, end, radius, active)
 
     def distance(self, p):
-        dtype = p[0].dtype
-        start = components(self.start, dtype)
-        axis, offset = difference(components(self.end, dtype), start), difference(p, start)
+        axis, offset = self._axis_and_offset(p)
         t = fraction(dot(offset, axis), dot(axis, axis))
-        return length(*difference(offset, (t * axis[0], t * axis[1], t * axis[2]))) - jnp.asarray(self.radius, dtype)
+        return length(*along(offset, -t, axis)) - jnp.asarray(self.radius, p[0].dtype)
+
+    def derivatives(self, p, v):
+        axis, offset = self._axis_and_offset(p)
+        square = dot(axis, axis)
+        t = fraction(dot(offset, axis), square)
+        slides = (t > 0) & (t < 1)
+        rate = jnp.where(slides, dot(v, axis) / jnp.where(slides, square, 1), 0)
+        (x, y, z), bend = length_derivatives(along(offset, -t, axis), along(v, -rate, axis))
+        return (x, y, z), bend
+
+    def _axis_and_offset(self, p):
+        start = components(self.start, p[0].dtype)
+        return difference(components(self.end, p[0].dtype), start), difference(p, start)
 
     def nearest_on_segment(self, a, b):
         """Ericson, Real-Time Collision Detection, section 5.1.9. Of parallel segments, the first nearest point."""

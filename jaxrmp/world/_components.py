@@ -4,7 +4,7 @@ Every function here has finite first and second derivatives everywhere; what is 
 values, by `where` with a safe operand inside.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import jax
@@ -74,19 +74,54 @@ def outside_corner(*q: jax.Array) -> jax.Array:
     largest = q[0]
     for x in q[1:]:
         largest = larger(largest, x)
-    positive = [jnp.where(x > 0, x, 0) for x in q]
-    over_edge = sum((x > 0).astype(jnp.int32) for x in q) >= 2
-    square = sum(x * x for x in positive)
-    round_ = over_edge & (square >= _TOUCHING)
-    return jnp.where(round_, jnp.sqrt(jnp.where(round_, square, 1.0)), largest)
+    is_round, square = _over_edge(q)
+    return jnp.where(is_round, jnp.sqrt(jnp.where(is_round, square, 1.0)), largest)
+
+
+def corner_derivatives(q: Sequence[jax.Array], rates: Sequence[jax.Array]) -> tuple[list[jax.Array], jax.Array]:
+    """First derivatives of `outside_corner` in each q, and its second derivative along `rates`."""
+    is_round, square = _over_edge(q)
+    inverse = jnp.where(is_round, jax.lax.rsqrt(jnp.where(is_round, square, 1.0)), 0)
+    slopes, found = [], jnp.zeros_like(is_round)
+    for i, x in enumerate(q):
+        is_largest = ~found
+        for other in q[i + 1 :]:
+            is_largest &= x >= other
+        found |= is_largest
+        slopes.append(jnp.where(is_round, jnp.where(x > 0, x, 0) * inverse, is_largest.astype(x.dtype)))
+    along = sum(s * rate for s, rate in zip(slopes, rates, strict=True))
+    moving = sum(jnp.where(x > 0, rate * rate, 0) for x, rate in zip(q, rates, strict=True))
+    return slopes, (moving - along * along) * inverse
+
+
+def _over_edge(q: Sequence[jax.Array]) -> tuple[jax.Array, jax.Array]:
+    """Whether two of q or more are positive, and the sum of the squares of those that are."""
+    square = sum((jnp.where(x > 0, x * x, 0) for x in q), jnp.zeros_like(q[0]))
+    count = sum(((x > 0).astype(jnp.int32) for x in q), jnp.zeros(q[0].shape, jnp.int32))
+    return (count >= 2) & (square >= _TOUCHING), square
+
+
+def length_derivatives(offset: Sequence[jax.Array], rates: Sequence[jax.Array]) -> tuple[list[jax.Array], jax.Array]:
+    """First derivatives of `length` in each component, and its second derivative along `rates`."""
+    square = sum(x * x for x in offset)
+    touching = square < _TOUCHING
+    inverse = jnp.where(touching, 0, jax.lax.rsqrt(jnp.where(touching, 1.0, square)))
+    slopes = [x * inverse for x in offset]
+    along = sum(s * rate for s, rate in zip(slopes, rates, strict=True))
+    return slopes, (sum(rate * rate for rate in rates) - along * along) * inverse
+
+
+def turned(T_world_frame: Any, v: Point, back: bool = False) -> Point:
+    """World vectors in frames [O, 4, 4]: `R^T v`; with `back`, vectors of the frames in the world: `R v`."""
+    T = jnp.asarray(T_world_frame, v[0].dtype)
+    x, y, z = (dot(components(T[..., i, :3] if back else T[..., :3, i]), v) for i in range(3))
+    return x, y, z
 
 
 def to_local(T_world_frame: Any, p: Point) -> Point:
     """World points in frames [O, 4, 4]: `R^T (p - t)`."""
     T = jnp.asarray(T_world_frame, p[0].dtype)
-    offset = difference(p, components(T[..., :3, 3]))
-    x, y, z = (dot(components(T[..., :3, i]), offset) for i in range(3))
-    return x, y, z
+    return turned(T, difference(p, components(T[..., :3, 3])))
 
 
 def gradient(field: Field, p: Point) -> Point:

@@ -9,7 +9,7 @@ from jax.core import Tracer
 
 from .._pytree import pytree
 from .._task_map import check_rigid
-from ._components import length, magnitude, outside_corner, to_local
+from ._components import corner_derivatives, length, length_derivatives, magnitude, outside_corner, to_local, turned
 from ._obstacles import PaddedObstacles, padded, refuse_negative, set_fields
 
 
@@ -24,6 +24,10 @@ class Cylinders(PaddedObstacles):
     [n], bool, by default all.
     **Raises** `RigidTransformError` for a pose that is not rigid, `ConfigurationError` for sizes that are negative,
     `ShapeError` for wrong shapes.
+
+    >>> from jaxrmp.world import World
+    >>> World(cylinders=Cylinders.of([(np.eye(4), 0.5, 1.0)])).signed_distance(jnp.array([2.0, 0, 0])).tolist()
+    [1.5]
     """
 
     T_world_cylinder: Any
@@ -44,7 +48,21 @@ class Cylinders(PaddedObstacles):
         return cls(T, radius, half_length, active)
 
     def distance(self, p):
+        _, faces = self._local(p)
+        return outside_corner(*faces)
+
+    def derivatives(self, p, v):
+        (x, y, z), faces = self._local(p)
+        vx, vy, vz = turned(self.T_world_cylinder, v)
+        outwards, side_bend = length_derivatives((x, y), (vx, vy))
+        sign = jnp.where(z >= 0, 1, -1).astype(z.dtype)
+        slopes, bend = corner_derivatives(faces, (outwards[0] * vx + outwards[1] * vy, sign * vz))
+        normal = (slopes[0] * outwards[0], slopes[0] * outwards[1], slopes[1] * sign)
+        return turned(self.T_world_cylinder, normal, back=True), bend + slopes[0] * side_bend
+
+    def _local(self, p):
+        """Points in the cylinders' frames, and their signed distances to side and nearer end."""
         dtype = p[0].dtype
         x, y, z = to_local(self.T_world_cylinder, p)
         side = length(x, y) - jnp.asarray(self.radius, dtype)
-        return outside_corner(side, magnitude(z) - jnp.asarray(self.half_length, dtype))
+        return (x, y, z), (side, magnitude(z) - jnp.asarray(self.half_length, dtype))

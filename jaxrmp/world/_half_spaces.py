@@ -21,6 +21,11 @@ class HalfSpaces(PaddedObstacles):
     **Arguments**: `normal` [n, 3], towards the free side, of any length but zero; `offset` [n], in units of
     `normal . p`; both are scaled to unit normals. `active` [n], bool, by default all.
     **Raises** `ConfigurationError` for a normal of length zero, `ShapeError` for wrong shapes.
+
+    >>> from jaxrmp.world import World
+    >>> floor = HalfSpaces.of([((0, 0, 1), 0.0)])
+    >>> World(half_spaces=floor).signed_distance(jnp.array([0.0, 0.0, 0.5])).tolist()
+    [0.5]
     """
 
     normal: Any
@@ -48,6 +53,11 @@ class HalfSpaces(PaddedObstacles):
     def distance(self, p):
         dtype = p[0].dtype
         return dot(components(self.normal, dtype), p) - jnp.asarray(self.offset, dtype)
+
+    def derivatives(self, p, v):
+        flat = jnp.zeros(jnp.broadcast_shapes(p[0].shape, (self.size,)), p[0].dtype)
+        x, y, z = (flat + n for n in components(self.normal, p[0].dtype))
+        return (x, y, z), flat
 
     def nearest_on_segment(self, a, b):
         return (self.distance(b) < self.distance(a)).astype(a[0].dtype)

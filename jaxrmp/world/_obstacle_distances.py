@@ -9,9 +9,10 @@ import numpy as np
 
 from .._errors import ShapeError
 from .._forms import DiagonalForm, NaturalForm
+from .._materialise import materialise
 from .._pytree import pytree, set_field
 from .._task_map import Pushforward, TaskMap, Transport, pull_form, pushforward, transport
-from ._components import Point, columns, curvature, dot, gradient
+from ._components import Point, columns, dot
 from ._obstacles import FAR, refuse_negative
 from ._world import World
 
@@ -25,6 +26,11 @@ class ObstacleDistances(TaskMap):
 
     **Arguments**: `points`, a map x [n] -> [K, 3], such as `ControlPoints`, m; `world`; `radii` [K] or a number, m.
     **Raises** `ConfigurationError` for a negative radius, `ShapeError` when called if shapes do not fit.
+
+    >>> from jaxrmp.world import Spheres
+    >>> scene = World(spheres=Spheres.of([((0, 0, 2), 0.5)]))
+    >>> ObstacleDistances(lambda x: x[None], scene, radii=0.25)(jnp.zeros(3)).tolist()
+    [1.25]
     """
 
     points: Callable[[jax.Array], jax.Array]
@@ -48,17 +54,21 @@ class ObstacleDistances(TaskMap):
     def transport(self, x, xd):
         p, v, pull_to_x = transport(self.points, x, xd)
         d, g, bend = self._from_points(p, v)
+        d, bend = materialise(d), materialise(bend)
+        g = (materialise(g[0]), materialise(g[1]), materialise(g[2]))
         rate = dot(g, columns(v))
 
         def pull(form):
             if not isinstance(form, DiagonalForm):
                 return pull_form(self.pushforward(x, xd), form, x.ndim)
             # What the obstacles ask of one point is one form there: O distances, but only one Jacobian.
-            force, weight = (part.reshape(d.shape) for part in (form.f, form.d))
-            force = force - weight * bend
-            f = [jnp.sum(force * n, axis=-1) for n in g]
+            weight = materialise(form.d.reshape(d.shape))
+            force = materialise(form.f.reshape(d.shape) - weight * bend)
+            # Sums as products with ones: a reduction over a short last axis is no loop that XLA:CPU vectorises.
+            ones = jnp.ones(d.shape[1:], d.dtype)
+            f = [(force * n) @ ones for n in g]
             pulls = [weight * n for n in g]
-            M = {(i, j): jnp.sum(pulls[i] * g[j], axis=-1) for i in range(3) for j in range(i + 1)}
+            M = {(i, j): (pulls[i] * g[j]) @ ones for i in range(3) for j in range(i + 1)}
             rows = [jnp.stack([M[max(i, j), min(i, j)] for j in range(3)], axis=-1) for i in range(3)]
             return pull_to_x(NaturalForm(jnp.stack(f, axis=-1), jnp.stack(rows, axis=-2)))
 
@@ -69,11 +79,11 @@ class ObstacleDistances(TaskMap):
         radii, world = radii_of_points(self.radii, p), self.world
         at, along = columns(p), columns(v)
         distance = world.of_each(p, lambda kind: kind.distance(at)) - radii[:, None]
-        normals = [gradient(kind.distance, at) for kind in world.kinds]
         none = jnp.zeros((*p.shape[:-1], 0), p.dtype)
-        columns_of_g = (jnp.concatenate([none, *(n[i] for n in normals)], axis=-1) for i in range(3))
-        x, y, z = (world.only_active(g, 0.0) for g in columns_of_g)
-        bend = world.only_active(world.of_each(p, lambda kind: curvature(kind.distance, at, along, along)), 0.0)
+        parts = [(none,) * 4, *((*g, bend) for g, bend in (kind.derivatives(at, along) for kind in world.kinds))]
+        x, y, z, bend = (
+            world.only_active(jnp.concatenate(column, axis=-1), 0.0) for column in zip(*parts, strict=True)
+        )
         return world.only_active(distance, FAR), (x, y, z), bend
 
 

@@ -11,7 +11,7 @@ from jax.core import Tracer
 
 from .._errors import ConfigurationError, ShapeError
 from .._pytree import set_field
-from ._components import Point, along, curvature, difference, dot, slope
+from ._components import Point, along, curvature, difference, dot, gradient, slope
 
 FAR = 1e3
 """The distance, m, that an inactive obstacle reports, with zero derivatives."""
@@ -35,6 +35,13 @@ class Obstacles:
     def distance(self, p: Point) -> jax.Array:
         """Signed distance of points, m, as if all slots were active; components [..., 1] or [..., n] to [..., n]."""
         raise NotImplementedError
+
+    def derivatives(self, p: Point, v: Point) -> tuple[Point, jax.Array]:
+        """Gradient of the distance at p, and its second derivative along v: `grad d` and `v^T H v`.
+
+        By autodiff; where a closed form is as short as the distance itself, a kind gives it.
+        """
+        return gradient(self.distance, p), curvature(self.distance, p, v, v)
 
     def nearest_on_segment(self, a: Point, b: Point) -> jax.Array:
         """The t in [0, 1] at which `distance(a + t (b - a))` is least, for a convex obstacle.

@@ -27,6 +27,11 @@ class RobotSpheres:
     geometry lies in a sphere.
 
     **Raises** `ConfigurationError` for a negative radius or unequal numbers.
+
+    >>> from jaxrmp.kinematics import panda
+    >>> spheres = RobotSpheres(("panda_hand", "panda_link4"), np.zeros((2, 3)), np.array([0.1, 0.12]))
+    >>> jax.eval_shape(spheres.points(panda()), np.zeros(7)).shape
+    (2, 3)
     """
 
     frames: tuple[str, ...] = static()

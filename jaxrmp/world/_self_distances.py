@@ -23,6 +23,9 @@ class SelfDistances(TaskMap):
     **Arguments**: `points`, a map x [n] -> [K, 3], m; `pairs`, P pairs (i, j) of points; `radii` [K] or a number, m.
     **Raises** `ConfigurationError` for a negative radius or a pair of a point with itself, `ShapeError` for pairs
     that are not pairs and, when called, for points that are not there.
+
+    >>> SelfDistances(lambda x: jnp.stack([x, -x]), pairs=((0, 1),), radii=0.25)(jnp.array([1.0, 0.0, 0.0])).tolist()
+    [1.5]
     """
 
     points: Callable[[jax.Array], jax.Array]

@@ -6,7 +6,7 @@ from typing import Any
 import jax.numpy as jnp
 
 from .._pytree import pytree
-from ._components import components, difference, dot, fraction, length
+from ._components import components, difference, dot, fraction, length, length_derivatives
 from ._obstacles import PaddedObstacles, padded, refuse_infinite, refuse_negative, set_fields
 
 
@@ -16,6 +16,10 @@ class Spheres(PaddedObstacles):
 
     **Arguments**: `center` [n, 3], m; `radius` [n], m; `active` [n], bool, by default all.
     **Raises** `ConfigurationError` for a radius that is negative, `ShapeError` for wrong shapes.
+
+    >>> from jaxrmp.world import World
+    >>> World(spheres=Spheres.of([((0, 0, 2), 0.5)], capacity=2)).signed_distance(jnp.zeros(3)).tolist()
+    [1.5, 1000.0]
     """
 
     center: Any
@@ -36,6 +40,10 @@ class Spheres(PaddedObstacles):
     def distance(self, p):
         dtype = p[0].dtype
         return length(*difference(p, components(self.center, dtype))) - jnp.asarray(self.radius, dtype)
+
+    def derivatives(self, p, v):
+        (x, y, z), bend = length_derivatives(difference(p, components(self.center, p[0].dtype)), v)
+        return (x, y, z), bend
 
     def nearest_on_segment(self, a, b):
         step = difference(b, a)

@@ -27,6 +27,10 @@ class World:
     **Arguments**: `spheres`, `capsules`, `boxes`, `cylinders`, `half_spaces`, each none by default; `grids`, a tuple
     of `SignedDistanceGrid`.
     **Raises** `ConfigurationError` if an argument is of another kind.
+
+    >>> scene = World(spheres=Spheres.of([((0, 0, 2), 0.5)], capacity=2))
+    >>> scene.signed_distance(jnp.zeros(3)).tolist()
+    [1.5, 1000.0]
     """
 
     spheres: Spheres | None = None

@@ -4,7 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxrmp import CanonicalForm, NaturalForm, ShapeError, UnknownNameError, canonical, natural, resolve
+from jaxrmp import CanonicalForm, DiagonalForm, NaturalForm, ShapeError, UnknownNameError, canonical, natural, resolve
 
 pytestmark = pytest.mark.usefixtures("x64")
 
@@ -74,3 +74,17 @@ def test_cholesky_does_not_hide_a_singular_metric():
 def test_an_unknown_method_is_named_with_the_nearest_valid_one():
     with pytest.raises(UnknownNameError, match="unknown method 'colesky'. Did you mean 'cholesky'.*pinv, lu"):
         resolve(random_form(0), "colesky")  # type: ignore[arg-type]
+
+
+def test_diagonal_forms_add_to_each_other_and_to_dense_ones_and_nothing_else():
+    a = DiagonalForm(jnp.asarray([1.0, 2.0]), jnp.asarray([3.0, 4.0]))
+    dense = NaturalForm(jnp.ones(2), jnp.ones((2, 2)))
+    assert isinstance(a + a, DiagonalForm)
+    np.testing.assert_array_equal((a + a).dense().M, np.diag([6.0, 8.0]))
+    for total in (a + dense, dense + a):
+        np.testing.assert_array_equal(total.f, [2.0, 3.0])
+        np.testing.assert_array_equal(total.M, [[4.0, 1.0], [1.0, 5.0]])
+    with pytest.raises(ShapeError, match="common space"):
+        a + DiagonalForm(jnp.ones(3), jnp.ones(3))
+    with pytest.raises(TypeError):
+        a + 1.0

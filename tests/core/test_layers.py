@@ -46,8 +46,19 @@ LAYERS = {
     "simulation": {"inspection", "kinematics", "leaves", "scenes", "world"},
     "learning": {"leaves", "kinematics", "simulation"},
     "synthetic": {"kinematics", "learning"},
-    "visualization": {"inspection", "leaves", "kinematics", "learning", "scenes", "simulation"},
-    "cli": {"leaves", "kinematics", "learning", "scenes", "simulation", "synthetic", "visualization", "world"},
+    "evaluation": {"leaves", "kinematics", "learning", "scenes", "simulation", "world"},
+    "visualization": {"evaluation", "inspection", "leaves", "kinematics", "learning", "scenes", "simulation"},
+    "cli": {
+        "evaluation",
+        "leaves",
+        "kinematics",
+        "learning",
+        "scenes",
+        "simulation",
+        "synthetic",
+        "visualization",
+        "world",
+    },
 }
 
 

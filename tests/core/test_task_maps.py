@@ -7,6 +7,7 @@ import pytest
 
 from jaxrmp import (
     Affine,
+    ConfigurationError,
     Distance,
     Identity,
     Pointwise,
@@ -229,3 +230,8 @@ def test_single_precision_stays_single():
     for psi in [*maps, Affine(np.eye(3), np.ones(3))]:
         for part, a in zip(["y", "yd", "J", "c"], pushforward(psi, x, x), strict=True):
             assert a.dtype == jnp.float32, f"{part} of {psi}"
+
+
+def test_a_negative_radius_is_refused():
+    with pytest.raises(ConfigurationError, match=r"radius of Distance is -0.1: it must not be negative"):
+        Distance(jnp.zeros(3), -0.1)

@@ -2,10 +2,18 @@
 
 import doctest
 import importlib
+from pathlib import Path
 
 import pytest
 
-MODULES = ["_forms", "_task_map", "_tree", "_certificate", "simulation._kinematic"]
+import jaxrmp
+
+PACKAGE = Path(jaxrmp.__file__).parent
+MODULES = [
+    ".".join(path.relative_to(PACKAGE).with_suffix("").parts)
+    for path in sorted(PACKAGE.rglob("*.py"))
+    if ">>> " in path.read_text()
+]
 
 
 @pytest.mark.parametrize("name", MODULES)

@@ -8,9 +8,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from jaxrmp import NaturalForm, transport
 from jaxrmp._errors import ShapeError, UnknownNameError
 from jaxrmp._task_map import TaskMap, pushforward_by_autodiff
-from jaxrmp.kinematics import ControlPoints, forward_kinematics, load_robot, panda
+from jaxrmp.kinematics import ControlPoints, forward_kinematics, load_robot, load_robot_from_string, panda
 
 FRAMES = {
     "panda": ("panda_link7", "panda_hand", "panda_link4", "panda_link7", "panda_rightfinger", "panda_link0"),
@@ -57,6 +58,33 @@ def test_analytic_pass_agrees_with_autodiff(case):
         np.testing.assert_allclose(jax.jit(points)(Q[0]), carried.y[0], atol=1e-14)
     for name, ours, theirs in zip(carried._fields, carried, generic, strict=True):
         np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-11, err_msg=name)
+
+
+def test_forms_are_pulled_back_as_through_the_jacobian(case):
+    """One at a time and in a batch, with metrics that need not be symmetric; joints that follow others included."""
+    _, points, Q, QD, _, carried = case
+    Q, QD, J, c = Q[:20], QD[:20], np.asarray(carried.J)[:20], np.asarray(carried.c)[:20]
+    rng = np.random.default_rng(3)
+    f, M = rng.normal(size=c.shape), rng.normal(size=(*c.shape, 3))
+
+    def pulled(q, qd, f, M):
+        y, yd, pull = transport(points, q, qd)
+        form = pull(NaturalForm(f, M))
+        return y, yd, form.f, form.M
+
+    with jax.enable_x64(True):
+        batch, alone = jax.jit(jax.vmap(pulled))(Q, QD, f, M), jax.jit(pulled)(Q[0], QD[0], f[0], M[0])
+    expected_f = np.einsum("tkij,tki->tj", J, f - np.einsum("tkij,tkj->tki", M, c))
+    expected = (carried.y[:20], carried.yd[:20], expected_f, np.einsum("tkia,tkij,tkjb->tab", J, M, J))
+    for ours, one, theirs in zip(batch, alone, expected, strict=True):
+        np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-10 * np.abs(theirs).max())
+        np.testing.assert_allclose(one, theirs[0], rtol=0, atol=1e-10 * np.abs(theirs).max())
+
+
+def test_forms_at_points_that_no_joint_moves_vanish(branching):
+    _, yd, pull = transport(ControlPoints(branching, ("world",)), *jnp.ones((2, branching.num_joints)))
+    form = pull(NaturalForm(jnp.ones((1, 3)), jnp.ones((1, 3, 3))))
+    assert form.f.shape == (branching.num_joints,) and not form.f.any() and not form.M.any() and not yd.any()
 
 
 def test_curvature_term_agrees_with_finite_differences(case):
@@ -145,6 +173,23 @@ def test_gradient_through_the_pushforward(branching, random_configurations):
         value_and_slope = jax.jit(jax.vmap(jax.value_and_grad(energy)))
         (_, up, down), slopes = value_and_slope(jnp.stack([q, q + 1e-6 * v, q - 1e-6 * v]))
         np.testing.assert_allclose(slopes[0] @ v, (up - down) / 2e-6, rtol=1e-6)
+
+
+PLANAR = """<mujoco><worldbody><body name="upper"><joint name="a" axis="0 0 1"/><geom size="0.1"/>
+  <body name="hand" pos="0.5 0 0"><joint name="b" axis="0 0 1"/><geom size="0.1"/></body></body></worldbody></mujoco>"""
+
+
+def test_a_planar_arm_whose_points_never_leave_their_plane():
+    robot = load_robot_from_string(PLANAR)
+    points = ControlPoints(robot, ("upper", "hand"), np.array([[0.2, 0.0, 0.3], [0.4, 0.1, 0.3]]))
+    with jax.enable_x64(True):
+        q, qd = jnp.array([0.3, -0.8]), jnp.array([1.0, 0.5])
+        form = NaturalForm(jnp.arange(6.0).reshape(2, 3), jnp.stack([jnp.eye(3), jnp.diag(jnp.arange(1.0, 4.0))]))
+        at = pushforward_by_autodiff(points, q, qd)
+        pulled = transport(points, q, qd).pull(form)
+        f = jnp.einsum("kin,ki->n", at.J, form.f - jnp.einsum("kij,kj->ki", form.M, at.c))
+        np.testing.assert_allclose(pulled.f, f, atol=1e-12)
+        np.testing.assert_allclose(pulled.M, jnp.einsum("kin,kij,kjm->nm", at.J, form.M, at.J), atol=1e-12)
 
 
 def test_one_name_stands_for_all_offsets_and_origins_are_the_default():

@@ -231,3 +231,11 @@ def test_a_joint_of_little_inertia_meets_its_barrier_in_steps_of_a_millisecond(m
     assert rises.max() < 1e-4 * np.ptp(path.energy)
     if push:
         assert abs(float(path.qd[-1, 0])) < 1e-3
+
+
+@pytest.mark.parametrize("name", ["weight", "damping_rate"])
+def test_damping_that_would_drive_is_refused(name):
+    with pytest.raises(
+        jaxrmp.ConfigurationError, match=f"{name} of Damping is -1.0, expected a number that is not neg"
+    ):
+        Damping(**{name: -1.0})

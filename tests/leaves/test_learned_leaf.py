@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from jax.tree_util import Partial
 
-from jaxrmp import acceleration
+from jaxrmp import ConfigurationError, GeometricDynamicalSystem, acceleration
 from jaxrmp.leaves import Damping, Learned, NominalPotential, natural_gradient_field
-from jaxrmp.leaves._nominal_potential import log_cosh_of_square
+from jaxrmp.leaves._nominal_potential import _by_definition, log_cosh_of_square
 
 T = 25
 
@@ -104,6 +104,29 @@ def wavy_factor(x):
 
 
 @pytest.mark.usefixtures("x64")
+def test_the_slope_written_out_is_that_of_the_definition_in_the_state_and_in_every_parameter():
+    arguments = tuple(jnp.asarray(p, float) for p in parameters())
+    every = tuple(range(1 + len(arguments)))
+    x = jnp.asarray(np.random.default_rng(4).uniform(-0.4, 0.4, (5, 3)))
+    ours, definition = (
+        jax.jit(jax.vmap(jax.grad(phi, argnums=every), in_axes=(0, *[None] * len(arguments))))(x, *arguments)
+        for phi in (lambda x, *p: NominalPotential(*p)(x), _by_definition)
+    )
+    for a, e in zip(ours, definition, strict=True):
+        np.testing.assert_allclose(a, e, rtol=0, atol=1e-10 * np.abs(e).max())
+
+
+@pytest.mark.usefixtures("x64")
+def test_the_learned_leaf_is_the_geometric_dynamical_system_of_its_metric_and_potential():
+    leaf = Learned(potential(), Partial(wavy_factor), speed=0.3, damping_rate=7.0)
+    x, xd = (jnp.asarray(a) for a in np.random.default_rng(5).uniform(-0.5, 0.5, (2, 6, 3)))
+    ours = jax.jit(jax.vmap(leaf))(x, xd)
+    by_autodiff = jax.jit(jax.vmap(lambda x, xd: GeometricDynamicalSystem.__call__(leaf, x, xd)))(x, xd)
+    np.testing.assert_allclose(ours.f, by_autodiff.f, rtol=0, atol=1e-10 * np.abs(by_autodiff.f).max())
+    np.testing.assert_allclose(ours.M, by_autodiff.M, rtol=1e-12)
+
+
+@pytest.mark.usefixtures("x64")
 def test_the_learned_field_is_the_natural_gradient():
     leaf = Learned(potential(), Partial(wavy_factor), speed=0.3, damping_rate=7.0)
 
@@ -158,3 +181,9 @@ def test_single_precision_states_stay_single_whatever_the_gains_are():
     leaf = Learned(potential(), Partial(wavy_factor), speed=gain, damping_rate=gain)
     form, energy, dissipation = jax.jit(lambda x: (leaf(x, x), leaf.energy(x, x), leaf.dissipation(x, x)))(x)
     assert form.f.dtype == form.M.dtype == energy.dtype == dissipation.dtype == jnp.float32
+
+
+@pytest.mark.parametrize("name", ["speed", "damping_rate"])
+def test_a_negative_gain_is_refused(name):
+    with pytest.raises(ConfigurationError, match=f"{name} of Learned is -2.0, expected a number that is not negative"):
+        Learned(potential(np.float32), Partial(wavy_factor), **{name: -2.0})

@@ -178,6 +178,8 @@ def test_entries_that_never_act_are_accepted_and_reported(load):
         ("xrdf", '["tip"]', '["tap"]', UnknownNameError, r"frame 'tap'.*line 8"),
         ("xrdf", "{lower: 0.01}", "{lour: 0.01}", UnknownNameError, "frame 'lour'.*line 11"),
         ("xrdf", "radius: 5e-2", "radius: -5e-2", ConfigurationError, r"line 22: a radius must not be negative"),
+        ("xrdf", "{lower: 0.01}", "{lower: -0.2}", ConfigurationError, r"buffer_distance\.lower, line 11: .* -0.15"),
+        ("xrdf", "radius: 5e-2", "radius: wide", ConfigurationError, "line 22: expected a number, received 'wide'"),
         ("xrdf", "clone: arm", "clone: arn", UnknownNameError, "geometry 'arn'. Did you mean 'arm'"),
         ("xrdf", "clone: arm", "clone: all", ConfigurationError, "geometry clones itself"),
         ("xrdf", ", slide: .05", "", ConfigurationError, r"joints \['slide'\].*neither in cspace nor in default"),

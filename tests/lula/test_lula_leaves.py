@@ -175,7 +175,13 @@ def test_a_leaf_survives_jit_and_vmap_in_its_precision(case):
     np.testing.assert_allclose(batch.M[0], alone.M, rtol=1e-4, atol=1e-3)
 
 
-def test_distances_as_points_give_the_same_leaf_without_a_large_matrix():
+def test_distances_give_a_form_without_a_large_matrix():
+    d, dd = jnp.linspace(0.01, 0.6, 5000), jnp.linspace(-0.1, 0.1, 5000)
+    form = Collision().evaluate(d, dd)
+    assert form.f.shape == form.d.shape == (5000,)
+
+
+def test_distances_as_points_give_the_same_leaf():
     d, dd = jnp.array([0.04, 0.3, 0.6]), jnp.array([-0.03, 0.02, -0.01])
     together, apart = Collision()(d, dd), Collision()(d[:, None], dd[:, None])
     assert apart.M.shape == (3, 1, 1)

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxrmp.world import World
+from jaxrmp.world import SignedDistanceGrid, World
 
 from .conftest import random_poses, sphere_grid
 
@@ -75,3 +75,21 @@ def test_a_grid_turns_with_its_pose():
     p = np.asarray(points(20))
     there = p @ T[:3, :3].T + T[:3, 3]
     np.testing.assert_allclose(turned.signed_distance(there), still.signed_distance(p), atol=1e-12)
+
+
+def test_a_capsule_misses_no_more_than_a_32nd_of_its_length_between_samples():
+    axis = np.linspace(-0.5, 0.5, 101)
+    at = np.stack(np.meshgrid(axis, np.linspace(-0.1, 0.1, 21), np.linspace(-0.1, 0.1, 21), indexing="ij"), axis=-1)
+    thin = np.array([[-0.28, 0.03, 0], [0.0, 0.05, 0.02], [0.28, -0.035, 0]])  # needles: many dips along the axis
+    values = np.linalg.norm(at[..., None, :2] - thin[:, :2], axis=-1).min(axis=-1) - 0.005
+    grid = SignedDistanceGrid(values, (-0.5, -0.1, -0.1), 0.01)
+    nearest = jax.jit(grid.nearest_on_segment)
+    rng = np.random.default_rng(0)
+    errors = []
+    for _ in range(50):
+        a, b = rng.uniform([-0.5, -0.1, -0.1], [0.5, 0.1, 0.1], (2, 3))
+        t = float(nearest(tuple(jnp.asarray(a)), tuple(jnp.asarray(b))))
+        points = a + np.array([t, *np.linspace(0, 1, 2001)])[:, None] * (b - a)
+        found, *all_along = np.asarray(World(grids=(grid,)).signed_distance(points))[:, 0]
+        errors.append((found - min(all_along)) / np.linalg.norm(b - a))
+    assert max(errors) <= 1 / 32 and np.median(errors) < 1e-6

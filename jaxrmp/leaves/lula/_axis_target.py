@@ -27,6 +27,9 @@ class AxisTarget(SeparableLeaf):
     `proximity_metric_boost_length_scale` s_b, m.
     **Raises** `ConfigurationError` for a negative number, or a length that is zero.
 
+    >>> AxisTarget(target=jnp.array([0.0, 0.0, 1.0]))(jnp.array([1.0, 0.0, 0.0]), jnp.zeros(3)).f.tolist()
+    [-2100.0, 0.0, 2100.0]
+
     NVIDIA, Lula RMPflow, `axis_target_rmp`.
     """
 

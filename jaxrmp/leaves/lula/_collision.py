@@ -24,6 +24,10 @@ class Collision(SeparableLeaf):
     `metric_modulation_radius` r, m; `metric_scalar` mu; `metric_exploder_std_dev` l_m, m; `metric_exploder_eps` eps_m.
     **Raises** `ConfigurationError` for a negative number, or a length that is zero.
 
+    >>> near, far = Collision()(jnp.array([0.01, 0.1]), jnp.zeros(2)).f
+    >>> bool(near > 1e3 * far)
+    True
+
     NVIDIA, Lula RMPflow, `collision_rmp`; `point_cloud_obstacle_rmp` is the same with other constants.
     """
 

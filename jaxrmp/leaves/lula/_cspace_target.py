@@ -19,6 +19,9 @@ class CSpaceTarget(SeparableLeaf):
     `robust_position_term_thresh` theta, units of q.
     **Raises** `ConfigurationError` for a negative number.
 
+    >>> CSpaceTarget(target=jnp.zeros(2))(jnp.array([0.25, 0.0]), jnp.zeros(2)).f.tolist()
+    [-1250.0, 0.0]
+
     NVIDIA, Lula RMPflow, `cspace_target_rmp`; its `inertia` is a leaf of its own, `Inertia`.
     """
 

@@ -16,6 +16,9 @@ class Inertia(SeparableLeaf):
     **Arguments**: `inertia` m.
     **Raises** `ConfigurationError` for a negative number.
 
+    >>> Inertia(3.0)(jnp.zeros(2), jnp.ones(2)).M.tolist()
+    [[3.0, 0.0], [0.0, 3.0]]
+
     NVIDIA, Lula RMPflow: `inertia` of `cspace_target_rmp` (on q) and of `damping_rmp` (on the target frame).
     """
 

@@ -28,6 +28,10 @@ class JointLimit(SeparableLeaf):
     `accel_potential_exploder_eps` eps_p.
     **Raises** `RobotError` if a range is empty, `ConfigurationError` for a negative number.
 
+    >>> form = JointLimit(lower=-jnp.ones(2), upper=jnp.ones(2))(jnp.array([0.0, 0.9]), jnp.zeros(2))
+    >>> float(form.f[0]), bool(form.f[1] < 0)
+    (0.0, True)
+
     NVIDIA, Lula RMPflow, `joint_limit_rmp`.
     """
 

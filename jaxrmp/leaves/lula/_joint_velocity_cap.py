@@ -22,6 +22,10 @@ class JointVelocityCap(SeparableLeaf):
     `damping_gain` k_d, 1/s; `metric_weight` mu.
     **Raises** `ConfigurationError` for a negative number, or a region that is zero.
 
+    >>> form = JointVelocityCap(max_velocity=1.7)(jnp.zeros(2), jnp.array([1.0, 1.6]))
+    >>> bool(form.f[0] == 0), bool(form.f[1] < 0)
+    (True, True)
+
     NVIDIA, Lula RMPflow, `joint_velocity_cap_rmp`.
     """
 

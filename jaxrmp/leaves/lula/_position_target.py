@@ -24,6 +24,9 @@ class PositionTarget(Leaf):
     `min_metric_scalar` mu_far; `proximity_metric_boost_scalar` b; `proximity_metric_boost_length_scale` s_b, m.
     **Raises** `ConfigurationError` for a negative number, or a length that is zero.
 
+    >>> PositionTarget(target=jnp.ones(3))(jnp.ones(3), jnp.zeros(3)).M[0].tolist()
+    [200000.0, 0.0, 0.0]
+
     NVIDIA, Lula RMPflow, `target_rmp`.
     """
 

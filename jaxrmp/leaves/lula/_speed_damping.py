@@ -17,6 +17,10 @@ class SpeedDamping(SeparableLeaf):
     **Arguments**: `accel_d_gain` k_d, 1/m; `metric_scalar` mu, s/m.
     **Raises** `ConfigurationError` for a negative number.
 
+    >>> import jax.numpy as jnp
+    >>> float(SpeedDamping()(jnp.zeros(3), jnp.array([1.0, 0.0, 0.0])).f[0])
+    -1500.0
+
     NVIDIA, Lula RMPflow, `damping_rmp`; its `inertia` is a leaf of its own, `Inertia`.
     """
 

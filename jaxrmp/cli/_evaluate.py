@@ -1,0 +1,188 @@
+"""`jaxrmp evaluate`: roll a skill out from thousands of starts and report how stable it is."""
+
+import argparse
+import io
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .._errors import ConfigurationError, RolloutError
+from .._files import atomic_write
+from ._engines import again_with_fast_xla, engine_of, needs_fast_xla
+from ._output import made_by, progress_bar, write_json
+from ._processes import joined, spawn
+
+
+def run(arguments: argparse.Namespace, rest: list[str]) -> None:
+    if arguments.processes > 1 and arguments.process is None:
+        spawn(arguments.processes, arguments.command_line)
+        return
+    if needs_fast_xla(arguments):
+        if code := again_with_fast_xla(arguments.command_line):
+            raise RolloutError(f"the child process ended with exit code {code}; see above.")
+        return
+    _prepare_jax(arguments)
+    import jax
+
+    from ..evaluation import check_starts, evaluate, limit_leaf, replay, report, sample_starts, write_page
+    from ..learning import load_skill
+    from ..simulation import StopCriteria
+    from ._sources import robot_of
+
+    skill = load_skill(arguments.skill)
+    configuration = skill.configuration
+    if arguments.robot:
+        configuration = replace(configuration, robot=arguments.robot)
+    robot = robot_of(configuration)
+    criteria = StopCriteria(tolerance=arguments.tolerance, duration=arguments.duration)
+    engine, problem = engine_of(arguments, skill, robot, criteria)
+    limits = limit_leaf(skill, robot)
+    count = arguments.starts if arguments.replay is None else max(arguments.replay + 1, 1)
+    if arguments.replay is not None and arguments.replay < 0:
+        raise ConfigurationError(f"--replay {arguments.replay}: expected the index of a start, 0 or more.")
+    if arguments.start_file:
+        starts = check_starts(problem, _read_starts(arguments.start_file))
+        if count > len(starts) and arguments.replay is not None:
+            raise ConfigurationError(f"--replay {arguments.replay}: {arguments.start_file} has {len(starts)} starts.")
+    elif arguments.around:
+        starts = _around(arguments, problem, skill, configuration, robot, count)
+    else:
+        starts = sample_starts(problem, count, seed=arguments.seed, margin=arguments.margin)
+    if arguments.replay is not None:
+        found = replay(engine, problem, limits, starts[arguments.replay])
+        print(_replayed(arguments, found))
+        return
+    began = time.perf_counter()
+    with progress_bar() as show:
+        evaluation = evaluate(
+            engine,
+            problem,
+            limits,
+            starts,
+            batch=arguments.batch,
+            progress=lambda ended, own: show(f"rollouts ({engine.name})", ended / own),
+        )
+    if jax.process_index() != 0:
+        return
+    found = report(evaluation, skill, problem)
+    found["settings"] = {
+        "skill": str(arguments.skill),
+        "learned_from": skill.source,
+        "physics": engine.name,
+        "scene": arguments.scene or "the arm alone",
+        "seed": arguments.seed,
+        "starts_from": (arguments.start_file and str(arguments.start_file))
+        or (f"within {arguments.around} rad of demonstrations" if arguments.around else "joint limits"),
+        "start_margin_rad": arguments.margin,
+        "dt_s": engine.dt,
+        "batch": evaluation.batch,
+        "processes": jax.process_count(),
+        "devices": jax.device_count(),
+        "seconds": round(time.perf_counter() - began, 1),
+        **vars(evaluation.criteria),
+    }
+    found["made_by"] = made_by("evaluate", configuration, skill.source)["versions"]
+    page = arguments.html or (arguments.json and arguments.json.with_suffix(".html"))
+    if arguments.json:
+        write_json(found, arguments.json)
+    if page:
+        title = f"{configuration.name}: {len(starts)} starts, {engine.name}"
+        write_page(found, _pictures(evaluation), page, title=title)
+    print(summary(found))
+    if arguments.strict and found["failing_starts"]:
+        raise RolloutError(
+            f"--strict: {found['failing_starts']} of {found['starts']} starts neither converged nor stopped at a joint "
+            f"limit, {found['non_finite']} of them diverged. Replay one with --replay INDEX, for example "
+            f"{found['failing'][0]['start']}."
+        )
+
+
+def summary(found: dict[str, Any]) -> str:
+    """The report in a few lines."""
+    times = found["time_to_converge_s"]
+    took = f"median {times['median']:.1f} s, longest {times['max']:.1f} s" if times else "none"
+    lines = [
+        f"starts                  {found['starts']}",
+        f"converged               {100 * found['converged']:.2f} %  ({took})",
+        f"stopped at joint limit  {100 * found['stopped_at_limit']:.2f} %",
+        f"held by contact         {100 * found['held_by_contact']:.2f} %",
+        f"spurious rest           {100 * found['spurious']:.2f} %  ({len(found['spurious_rest_points'])} points)",
+        f"unfinished              {100 * found['unfinished']:.2f} %",
+        f"non-finite              {found['non_finite']}",
+        f"energy increase         {found['max_energy_increase']:.1e} of V's range at most",
+        f"smallest clearance      {found['min_clearance_m']:.3f} m ({found['starts_that_touched']} starts touched)",
+        f"smallest limit margin   {found['min_limit_margin_rad']:.4f} rad",
+    ]
+    return "\n".join(lines)
+
+
+def _prepare_jax(arguments: argparse.Namespace) -> None:
+    """Devices and processes, before JAX is used for anything."""
+    if arguments.devices is not None:
+        if arguments.devices < 1:
+            raise ConfigurationError(f"--devices {arguments.devices}: expected at least 1.")
+        import jax
+
+        try:
+            jax.config.update("jax_num_cpu_devices", arguments.devices)
+        except RuntimeError as error:
+            raise ConfigurationError(f"--devices cannot be set once JAX is in use: {error}") from error
+    if arguments.process is not None:
+        joined(arguments.coordinator, arguments.processes, arguments.process)
+
+
+def _around(arguments, problem, skill, configuration, robot, count):
+    from ..evaluation import starts_around
+    from ..learning import prepare
+    from ._sources import demonstrations_of
+
+    prepared = prepare(configuration, robot, demonstrations_of(skill, arguments.demos))
+    firsts = np.stack([q[0] for q in prepared.joints.q])
+    return starts_around(problem, firsts, count, spread=arguments.around, seed=arguments.seed, margin=arguments.margin)
+
+
+def _read_starts(path: Path) -> np.ndarray:
+    try:
+        return np.load(path, allow_pickle=False)
+    except (OSError, ValueError, EOFError) as error:
+        raise ConfigurationError(f"--start-file {str(path)!r} is no NPY file of starts [N, n]: {error}") from error
+
+
+def _replayed(arguments: argparse.Namespace, found: Any) -> str:
+    from ..evaluation import KINDS, End
+
+    evaluation = found.evaluation
+    if arguments.save:
+        with atomic_write(arguments.save) as file:
+            np.savez_compressed(file, time=found.time, q=found.q, qd=found.qd)
+    result = {
+        "start": arguments.replay,
+        "end": KINDS[End(int(evaluation.ends.kind[0]))],
+        "seconds": float(evaluation.seconds[0]),
+        "error_m": float(evaluation.ends.error[0]),
+        "energy_increase": float(evaluation.energy_increase[0]),
+        "min_clearance_m": float(evaluation.outcomes.track.clearance[0]),
+        "min_limit_margin_rad": float(evaluation.outcomes.track.margin[0]),
+        "q_start": evaluation.starts[0].tolist(),
+        "q_end": evaluation.outcomes.q[0].tolist(),
+    }
+    if arguments.json:
+        write_json(result, arguments.json)
+    failed = result["end"] not in ("converged", "stopped_at_limit")
+    if arguments.strict and failed:
+        raise RolloutError(f"--strict: start {arguments.replay} ended {result['end']} after {result['seconds']:.2f} s.")
+    return "\n".join(f"{name:<22}{value}" for name, value in result.items())
+
+
+def _pictures(evaluation: Any) -> dict[str, tuple[bytes, str]]:
+    from ..visualization import evaluation_figures
+
+    pictures = {}
+    for heading, (figure, caption) in evaluation_figures(evaluation).items():
+        buffer = io.BytesIO()
+        figure.savefig(buffer, format="png", dpi=110)
+        pictures[heading] = (buffer.getvalue(), caption)
+    return pictures

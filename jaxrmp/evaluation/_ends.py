@@ -1,0 +1,81 @@
+"""What kind of end each rollout came to."""
+
+import enum
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from .._tree import Node
+from ..simulation import Outcomes, Problem, Status
+
+_BATCH = 256
+_PUSHES = 1e-3  # N m (or N), what a limit must push with at least to be what holds the arm
+
+
+class End(enum.IntEnum):
+    """Kinds of ends. A rest is a stop at a joint limit if a limit leaf pushes there and nothing else is wrong."""
+
+    CONVERGED = 1
+    STOPPED_AT_LIMIT = 2
+    HELD_BY_CONTACT = 3
+    SPURIOUS = 4
+    UNFINISHED = 5
+    DIVERGED = 6
+
+
+class Ends(NamedTuple):
+    """Of N rollouts: `kind` [N], an `End`; `points` [N, K, 3], the control points less their targets, m; `hand` [N, 3],
+    the first of them in the world, m; `error` [N], the largest distance of one to its target, m; `push` [N, n], what
+    the joint limits push with, N m; `residual` [N], the largest entry of the potential's gradient there, N m; `margin`
+    [N, n], the joints' distance to their limits."""
+
+    kind: np.ndarray
+    points: np.ndarray
+    hand: np.ndarray
+    error: np.ndarray
+    push: np.ndarray
+    residual: np.ndarray
+    margin: np.ndarray
+
+
+def classify_ends(problem: Problem, limits: Node | None, outcomes: Outcomes) -> Ends:
+    """Find out what kind of end each rollout came to.
+
+    At rest, the forces on every joint balance. If the joint-limit leaf pushes a joint, by more than ten times what is
+    left over there, the arm stands at that limit: a stop that the report states, for the way on is barred. A rest
+    without is a spurious rest point: a minimum of the potential away from the goal.
+
+    **Arguments**: `limits`, the leaf of the joint limits as a node on joint space, None without.
+    """
+    q = np.asarray(outcomes.q, np.float32)
+    parts = []
+    for first in range(0, len(q), _BATCH):
+        block = q[first : first + _BATCH]
+        padded = np.concatenate([block, np.repeat(block[:1], _BATCH - len(block), axis=0)])
+        parts.append([np.asarray(a)[: len(block)] for a in _forces(problem, limits, padded)])
+    points, hand, slope, push = (np.concatenate(part) for part in zip(*parts, strict=True))
+    margin = np.minimum(q - np.asarray(problem.lower), np.asarray(problem.upper) - q)
+    error = np.linalg.norm(points, axis=-1).max(-1)
+    residual = np.abs(slope).max(-1)
+    at_limit = (np.abs(push) > np.maximum(_PUSHES, 10 * np.abs(slope))).any(1)
+    status = outcomes.status
+    kind = np.full(len(q), End.UNFINISHED)
+    kind[status == Status.CONVERGED] = End.CONVERGED
+    resting = status == Status.RESTING
+    kind[resting] = End.SPURIOUS
+    kind[resting & (outcomes.track.touching > 0)] = End.HELD_BY_CONTACT
+    kind[resting & (outcomes.track.touching == 0) & at_limit] = End.STOPPED_AT_LIMIT
+    kind[status == Status.DIVERGED] = End.DIVERGED
+    return Ends(kind, points, hand, error, push, residual, margin)
+
+
+@jax.jit
+def _forces(problem: Problem, limits: Node | None, q: jax.Array):
+    def one(q):
+        still = jnp.zeros_like(q)
+        push = still if limits is None else jax.grad(limits.energy)(q, still)
+        return problem.points(q), problem.hand(q)[0], jax.grad(problem.tree.energy)(q, still), push
+
+    return jax.vmap(one)(q)

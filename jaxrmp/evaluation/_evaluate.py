@@ -1,0 +1,164 @@
+"""Rolls a skill out from many starts, on all devices and processes there are, and judges every end."""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from .._errors import ConfigurationError
+from .._task_map import Selection
+from .._tree import Node, pullback
+from ..kinematics import ControlPoints, Robot, panda
+from ..learning import Skill
+from ..simulation import Engine, Outcomes, Problem, StopCriteria, largest_batch, simulate
+from ..world import SelfDistances, panda_self_pairs, panda_spheres
+from ._distribution import shared_out
+from ._ends import End, Ends, classify_ends
+from ._stability import CertificateWatch
+
+
+class Evaluation(NamedTuple):
+    """What came of N starts [N, n]: how each ended (`outcomes`, `ends`), how far the hand was at the start
+    (`start_error` [N], as `Ends.error`; `start_hand` [N, 3], its first control point in the world, m), and the
+    certificate on the way (`residual`, `growth` [N], `uncertified` leaves). `engine`, `dt`, `batch` and `criteria` say
+    how."""
+
+    starts: np.ndarray
+    outcomes: Outcomes
+    ends: Ends
+    start_error: np.ndarray
+    start_hand: np.ndarray
+    residual: np.ndarray
+    growth: np.ndarray
+    uncertified: tuple[str, ...]
+    engine: str
+    dt: float
+    batch: int
+    criteria: StopCriteria
+
+    @property
+    def seconds(self) -> np.ndarray:
+        """How long each rollout took, s, [N]."""
+        return self.outcomes.track.steps * self.dt
+
+    @property
+    def energy_increase(self) -> np.ndarray:
+        """The largest rise of V above its least value before, relative to V's range, of each rollout [N].
+
+        A rollout that diverged counts as infinite.
+        """
+        track = self.outcomes.track
+        span = np.maximum(track.energy.astype(float) - track.least, 1e-6 * np.maximum(np.abs(track.energy), 1e-6))
+        return np.where(self.ends.kind == End.DIVERGED, np.inf, track.rise / span)
+
+    @property
+    def failing(self) -> np.ndarray:
+        """Indices of the starts that neither converged nor stopped at a joint limit."""
+        return np.flatnonzero(~np.isin(self.ends.kind, (End.CONVERGED, End.STOPPED_AT_LIMIT)))
+
+
+def skill_problem(skill: Skill, robot: Robot, *, tree: Node | None = None, distances: tuple = ()) -> Problem:
+    """What `evaluate` rolls out: a skill's policy, and the Panda's distances to itself.
+
+    **Arguments**: `tree`, by default the skill's own; `distances`, further ones to watch, such as to a scene.
+    """
+    if robot.fingerprint == panda().fingerprint:
+        spheres = panda_spheres()
+        distances = (SelfDistances(spheres.points(robot), panda_self_pairs(), spheres.radii), *distances)
+    hand = ControlPoints(robot, skill.frames, skill.offsets)
+    return Problem(tree or skill.tree(robot), skill.task_map(robot), hand, robot.lower, robot.upper, tuple(distances))
+
+
+def limit_leaf(skill: Skill, robot: Robot) -> Node | None:
+    """The skill's joint limits as a node on joint space, None if no joint has limits."""
+    if skill.joint_limit is None:
+        return None
+    every = skill.limited == tuple(range(robot.num_joints))
+    return skill.joint_limit if every else pullback(Selection(skill.limited), skill.joint_limit)
+
+
+def evaluate(
+    engine: Engine,
+    problem: Problem,
+    limits: Node | None,
+    starts: np.ndarray,
+    *,
+    batch: int = 1024,
+    progress: Callable[[int, int], None] | None = None,
+) -> Evaluation:
+    """Roll out from every start, find out how each ends, and evaluate the certificate on the way.
+
+    **Arguments**: `engine`, what moves the joints; `problem`, what it rolls out; `limits`, see `classify_ends`;
+    `starts` [N, n]; `batch`, starts at a time, halved until a call fits into memory; `progress`, called with how many
+    starts of this process have ended, and how many it has.
+    **Raises** what `simulate` and `largest_batch` raise.
+    """
+    starts = np.asarray(starts, np.float32)
+    if batch < 1:
+        raise ConfigurationError(f"batch is {batch}, expected at least 1.")
+    batch = largest_batch(engine, batch)
+
+    def work(own: np.ndarray) -> dict[str, Any]:
+        watch = CertificateWatch(problem, len(own))
+        outcomes = simulate(engine, own, batch=batch, progress=progress, watch=watch)
+        return {"outcomes": outcomes, "residual": watch.residual, "growth": watch.growth}
+
+    found = shared_out(work, starts)
+    at_start = classify_ends(problem, None, found["outcomes"]._replace(q=starts))
+    return Evaluation(
+        starts=starts,
+        outcomes=found["outcomes"],
+        ends=classify_ends(problem, limits, found["outcomes"]),
+        start_error=at_start.error,
+        start_hand=at_start.hand,
+        residual=found["residual"],
+        growth=found["growth"],
+        uncertified=CertificateWatch(problem, 0).uncertified,
+        engine=engine.name,
+        dt=engine.dt,
+        batch=batch,
+        criteria=engine.criteria,
+    )
+
+
+class Replay(NamedTuple):
+    """One rollout again, as it went: `time` [T] s, `q`, `qd` [T, n], and the `evaluation` of that start alone."""
+
+    time: np.ndarray
+    q: np.ndarray
+    qd: np.ndarray
+    evaluation: Evaluation
+
+
+def replay(engine: Engine, problem: Problem, limits: Node | None, start: np.ndarray, *, batch: int = 16) -> Replay:
+    """Roll out from one start [n] again and keep the way, a state every `engine.chunk` steps; as `evaluate` else."""
+    states: list[tuple[int, np.ndarray, np.ndarray]] = [(0, np.asarray(start, np.float32), np.zeros(len(start)))]
+    watch = CertificateWatch(problem, 1)
+
+    def keep(places: np.ndarray, state: Any) -> None:
+        row = int(np.flatnonzero(places == 0)[0])
+        states.append((int(state.track.steps[row]), state.q[row].copy(), state.qd[row].copy()))
+        watch(places, state)
+
+    count = engine.devices.count
+    batch = -(-batch // count) * count
+    padded = np.repeat(np.asarray(start, np.float32)[None], batch, axis=0)
+    outcomes = simulate(engine, padded, batch=batch, watch=keep).take(np.arange(1))
+    ends = classify_ends(problem, limits, outcomes)
+    at_start = classify_ends(problem, None, outcomes._replace(q=padded[:1]))
+    steps, q, qd = (np.array(column) for column in zip(*states, strict=True))
+    evaluation = Evaluation(
+        padded[:1],
+        outcomes,
+        ends,
+        at_start.error,
+        at_start.hand,
+        watch.residual,
+        watch.growth,
+        watch.uncertified,
+        engine.name,
+        engine.dt,
+        batch,
+        engine.criteria,
+    )
+    return Replay(steps * engine.dt, q, qd, evaluation)

@@ -1,0 +1,169 @@
+"""The report of an evaluation, as the numbers that go into its JSON file and its page."""
+
+from typing import Any
+
+import numpy as np
+
+from ..learning import Skill
+from ..simulation import Problem
+from ._ends import End
+from ._evaluate import Evaluation
+from ._regions import regions
+from ._rest_points import rest_points
+from ._stability import goal_hessians, learned_metrics, stationary_points
+
+_SHOWN = 1000  # failing starts that are listed one by one
+_AROUND = 0.3  # m around the region of the hand in which stationary points are looked for
+
+KINDS = {
+    End.CONVERGED: "converged",
+    End.STOPPED_AT_LIMIT: "stopped_at_limit",
+    End.HELD_BY_CONTACT: "held_by_contact",
+    End.SPURIOUS: "spurious",
+    End.UNFINISHED: "unfinished",
+    End.DIVERGED: "diverged",
+}
+"""Names of the kinds of ends, as the report has them."""
+
+
+def report(evaluation: Evaluation, skill: Skill, problem: Problem, *, stationary: bool = True) -> dict[str, Any]:
+    """All numbers of an evaluation: shares of starts, largest values, rest points, regions, failing starts, stability.
+
+    `max_energy_increase` is the largest rise of V above its least value before, relative to V's range on that rollout.
+    **Arguments**: `stationary`, whether to look for the potentials' stationary points, which takes some seconds.
+    """
+    kind, track = evaluation.ends.kind, evaluation.outcomes.track
+    N = len(kind)
+    touched = track.clearance < 0 if evaluation.engine == "kinematic" else track.touched > 0
+    found: dict[str, Any] = {
+        "starts": N,
+        **_shares(kind),
+        "non_finite": int((kind == End.DIVERGED).sum()),
+        "max_energy_increase": float(evaluation.energy_increase.max()),
+        "time_to_converge_s": _quantiles(evaluation.seconds[kind == End.CONVERGED]),
+        "spurious_rest_points": rest_points(
+            evaluation.outcomes.q, evaluation.ends.points, np.flatnonzero(kind == End.SPURIOUS), N
+        ),
+        "limit_stops": _limit_stops(evaluation),
+        "min_clearance_m": float(track.clearance.min()),
+        "starts_that_touched": int(touched.sum()),
+        "without_touch": _without_touch(evaluation, ~touched),
+        "min_limit_margin_rad": float(track.margin.min()),
+        "starts_that_crossed_a_limit": int((track.margin < 0).sum()),
+        "max_joint_speed_rad_s": float(track.speed.max()),
+        "regions": _regions(evaluation),
+        "failing": [_failing(evaluation, int(i)) for i in evaluation.failing[:_SHOWN]],
+        "failing_starts": len(evaluation.failing),
+        "stability": stability(evaluation, skill, problem, stationary=stationary),
+    }
+    return found
+
+
+def stability(evaluation: Evaluation, skill: Skill, problem: Problem, *, stationary: bool = True) -> dict[str, Any]:
+    """Metrics, Hessians, stationary points and the certificate; see `report`."""
+    K = len(skill.subtasks)
+    region = _region(evaluation, K)
+    low, high = region.reshape(-1, 3).min(0) - _AROUND, region.reshape(-1, 3).max(0) + _AROUND
+    metrics = learned_metrics(skill.learned, region)
+    goals = goal_hessians(skill.learned)
+    subtasks = [
+        {"name": name, "metric": metric, "goal": goal}
+        for name, metric, goal in zip(skill.subtasks, metrics, goals, strict=True)
+    ]
+    if stationary:
+        for k, subtask in enumerate(subtasks):
+            potential = _subtask(skill.learned.potential_of, k)
+            subtask["stationary_points"] = stationary_points(potential, low, high)
+    return {
+        "subtasks": subtasks,
+        "certificate": {
+            "uncertified_leaves": list(evaluation.uncertified),
+            "max_residual": float(evaluation.residual.max()),
+            "max_growth_rate": float(evaluation.growth.max()),
+            "max_energy_increase": float(evaluation.energy_increase.max()),
+        },
+    }
+
+
+def _region(evaluation: Evaluation, K: int) -> np.ndarray:
+    """Places of the control points [M, K, 3] all over the region of starts and ends, targets at zero."""
+    ends = evaluation.ends.points[:4096]
+    shift = (evaluation.start_hand - evaluation.ends.hand)[:4096, None]
+    rng = np.random.default_rng(0)
+    low, high = (ends + shift).min(0), (ends + shift).max(0)
+    return np.concatenate([ends, rng.uniform(low, high, (4096, K, 3))])
+
+
+def _subtask(stacked: Any, k: int) -> Any:
+    import jax
+
+    return jax.tree.map(lambda a: a[k], stacked)
+
+
+def _shares(kind: np.ndarray) -> dict[str, float]:
+    return {name: float((kind == end).mean()) for end, name in KINDS.items()}
+
+
+def _without_touch(evaluation: Evaluation, free: np.ndarray) -> dict[str, Any] | None:
+    """The main figures of the rollouts that touched nothing, which is all that the certificate speaks of."""
+    if not free.any():
+        return None
+    return {
+        "starts": int(free.sum()),
+        **_shares(evaluation.ends.kind[free]),
+        "max_energy_increase": float(evaluation.energy_increase[free].max()),
+    }
+
+
+def _quantiles(values: np.ndarray) -> dict[str, float] | None:
+    if not len(values):
+        return None
+    return {"median": float(np.median(values)), "p95": float(np.quantile(values, 0.95)), "max": float(values.max())}
+
+
+def _limit_stops(evaluation: Evaluation) -> list[dict[str, Any]]:
+    """How many starts each joint limit stopped, and how far from the goal."""
+    stopped = np.flatnonzero(evaluation.ends.kind == End.STOPPED_AT_LIMIT)
+    joint = np.abs(evaluation.ends.push[stopped]).argmax(1)
+    found = []
+    for j in np.unique(joint):
+        at = stopped[joint == j]
+        found.append(
+            {
+                "joint": int(j),
+                "share": len(at) / len(evaluation.starts),
+                "max_margin_rad": float(evaluation.ends.margin[at, j].max()),
+                "median_error_m": float(np.median(evaluation.ends.error[at])),
+                "starts": at[:20].tolist(),
+            }
+        )
+    return found
+
+
+def _regions(evaluation: Evaluation) -> list[dict[str, Any]]:
+    kind = evaluation.ends.kind
+    found = []
+    for name, members in regions(evaluation.start_hand, evaluation.start_error):
+        times = evaluation.seconds[members & (kind == End.CONVERGED)]
+        found.append(
+            {
+                "region": name,
+                "starts": int(members.sum()),
+                **_shares(kind[members]),
+                "time_to_converge_s": _quantiles(times),
+                "max_energy_increase": float(evaluation.energy_increase[members].max()),
+                "min_clearance_m": float(evaluation.outcomes.track.clearance[members].min()),
+            }
+        )
+    return found
+
+
+def _failing(evaluation: Evaluation, i: int) -> dict[str, Any]:
+    return {
+        "start": i,
+        "end": KINDS[End(int(evaluation.ends.kind[i]))],
+        "error_m": float(evaluation.ends.error[i]),
+        "seconds": float(evaluation.seconds[i]),
+        "q_start": evaluation.starts[i].tolist(),
+        "q_end": evaluation.outcomes.q[i].tolist(),
+    }

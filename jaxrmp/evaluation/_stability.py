@@ -1,0 +1,156 @@
+"""Stability as mathematics: metrics, the goal's Hessian, every stationary point, and the certificate on the way."""
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from .._certificate import certificate, uncertified_leaves
+from .._linalg import cholesky_solve
+from ..leaves import Learned
+from ..simulation import Problem
+from ._rest_points import cluster
+
+_STEPS = 300  # of the search for stationary points
+_TOGETHER = 0.005  # m, within which two stationary points are one
+
+
+def learned_metrics(learned: Learned, points: np.ndarray) -> list[dict[str, float]]:
+    """Eigenvalues of each subtask's learned metric over a region.
+
+    **Arguments**: `learned`, the leaves of K subtasks, stacked; `points` [N, K, 3], where they are evaluated, targets
+    at zero, m. **Returns** for each subtask the least and the largest eigenvalue, and the share of points at which all
+    are positive.
+    """
+    eigenvalues = np.linalg.eigvalsh(np.asarray(_metrics(learned, jnp.asarray(points, jnp.float32)), float))
+    return [
+        {
+            "least_eigenvalue": float(e.min()),
+            "largest_eigenvalue": float(e.max()),
+            "positive_definite_share": float((e[:, 0] > 0).mean()),
+            "points": len(e),
+        }
+        for e in np.moveaxis(eigenvalues, 1, 0)
+    ]
+
+
+def goal_hessians(learned: Learned) -> list[dict[str, Any]]:
+    """For each subtask the slope of its potential at the goal, and the eigenvalues of its Hessian there, 1/m."""
+    slopes, hessians = (np.asarray(a, float) for a in _derivatives(learned.potential_of, learned.speed))
+    return [
+        {"slope": float(np.linalg.norm(g)), "hessian_eigenvalues": np.linalg.eigvalsh(H).tolist()}
+        for g, H in zip(slopes, hessians, strict=True)
+    ]
+
+
+def stationary_points(
+    potential: Callable[[jax.Array], jax.Array],
+    lower: np.ndarray,
+    upper: np.ndarray,
+    *,
+    starts: int = 512,
+    seed: int = 0,
+) -> list[dict[str, Any]]:
+    """Every stationary point of a potential in a box that a search from many starts finds, nearest to the goal first.
+
+    Levenberg and Marquardt's method on `grad Phi = 0`, which ends at minima, saddles and maxima alike.
+
+    **Arguments**: `potential`, a callable pytree of x [m], m, its goal at the origin; `lower`, `upper` [m].
+    **Returns** for each `position`, its `kind` (minimum, saddle, maximum), its distance from the goal, the Hessian's
+    `eigenvalues`, and the share of starts that ended there.
+    """
+    x = np.random.default_rng(seed).uniform(lower, upper, (starts, len(lower))).astype(np.float32)
+    x, slope, hessian = (np.asarray(a, float) for a in _search(potential, jnp.asarray(x)))
+    inside = ((x >= np.asarray(lower) - _TOGETHER) & (x <= np.asarray(upper) + _TOGETHER)).all(1)
+    found = np.flatnonzero(inside & (np.linalg.norm(slope, axis=-1) < 1e-3))
+    points = []
+    for group in cluster(x[found], _TOGETHER):
+        members = found[group]
+        best = members[np.argmin(np.linalg.norm(slope[members], axis=-1))]
+        eigenvalues = np.linalg.eigvalsh(hessian[best])
+        kind = "minimum" if eigenvalues[0] > 0 else "maximum" if eigenvalues[-1] < 0 else "saddle"
+        points.append(
+            {
+                "position": x[best].tolist(),
+                "distance_m": float(np.linalg.norm(x[best])),
+                "kind": kind,
+                "eigenvalues": eigenvalues.tolist(),
+                "share": len(members) / starts,
+            }
+        )
+    return sorted(points, key=lambda point: point["distance_m"])
+
+
+class CertificateWatch:
+    """Evaluates the certificate of the tree along rollouts, once a chunk, and keeps the worst of each start.
+
+    `residual` [N], the largest `|dV/dt + dissipation| / (1 + |V|)`, per second, zero but for rounding where every leaf
+    is certified; `growth` [N], the largest `dV/dt / (1 + |V|)`, at most rounding.
+    """
+
+    def __init__(self, problem: Problem, starts: int):
+        self.problem = problem
+        self.residual = np.zeros(starts, np.float32)
+        self.growth = np.full(starts, -np.inf, np.float32)
+        self.uncertified = uncertified_leaves(problem.tree)
+
+    def __call__(self, places: np.ndarray, state: Any) -> None:
+        """Look at the states of a batch; `places` [B], the starts that they belong to, -1 for none."""
+        residual, growth = (np.asarray(a) for a in _certificates(self.problem, state.q, state.qd))
+        held = places >= 0
+        for worst, now in ((self.residual, residual), (self.growth, growth)):
+            worst[places[held]] = np.fmax(worst[places[held]], now[held])
+
+
+@jax.jit
+def _certificates(problem, q, qd):
+    def one(q, qd):
+        found = certificate(problem.tree, q, qd)
+        return found.residual, found.dV_dt / (1 + jnp.abs(found.energy))
+
+    return jax.vmap(one)(jnp.asarray(q), jnp.asarray(qd))
+
+
+@jax.jit
+def _metrics(learned, points):
+    return jax.vmap(lambda x: jax.vmap(lambda leaf, x: leaf.metric(x, x))(learned, x))(points)
+
+
+@jax.jit
+def _derivatives(potentials, like):
+    origin = jnp.zeros((jnp.shape(like)[0], 3))
+
+    def both(potential, x):
+        return jax.grad(potential)(x), jax.hessian(potential)(x)
+
+    return jax.vmap(both)(potentials, origin)
+
+
+@partial(jax.jit, static_argnames=("steps",))
+def _search(potential, x, steps=_STEPS):
+    gradient, hessian = jax.grad(potential), jax.hessian(potential)
+
+    def one(x):
+        def step(carry, _):
+            x, g, stiffness = carry
+            H = hessian(x)
+            normal = H.T @ H + stiffness * jnp.eye(x.shape[0], dtype=x.dtype)
+            move = cholesky_solve(normal, H.T @ g)
+            length = jnp.sqrt(jnp.sum(move * move))
+            ahead = x - move * jnp.minimum(1, 0.05 / jnp.maximum(length, 1e-12))
+            g_ahead = gradient(ahead)
+            better = g_ahead @ g_ahead < g @ g
+            carry = (
+                jnp.where(better, ahead, x),
+                jnp.where(better, g_ahead, g),
+                stiffness * jnp.where(better, 0.3, 4.0),
+            )
+            return (carry[0], carry[1], jnp.clip(carry[2], 1e-8, 1e8)), None
+
+        (x, g, _), _ = jax.lax.scan(step, (x, gradient(x), jnp.asarray(1.0, x.dtype)), length=steps)
+        return x, g, hessian(x)
+
+    return jax.vmap(one)(x)

@@ -1,0 +1,58 @@
+"""The devices of this process, and a batch of starts spread over them."""
+
+from typing import Any
+
+import jax
+import numpy as np
+from jax.sharding import Mesh, NamedSharding, PartitionSpec
+
+
+class Devices:
+    """Devices that share batches of starts: the leading axis of every array is cut into equal parts, one a device.
+
+    By default all devices of this process. Starts do not depend on each other, so the devices never talk.
+    """
+
+    def __init__(self, devices: list[Any] | None = None):
+        self.mesh = Mesh(np.array(jax.local_devices() if devices is None else devices), ("starts",))
+
+    @property
+    def count(self) -> int:
+        """How many there are; batches must be multiples of it."""
+        return self.mesh.size
+
+    def split(self, batch: Any) -> Any:
+        """A pytree of arrays [B, ...], cut along the first axis."""
+        return jax.device_put(batch, NamedSharding(self.mesh, PartitionSpec("starts")))
+
+    def copied(self, values: Any) -> Any:
+        """A pytree of arrays, whole on every device; numbers in the precision of JAX."""
+        return jax.device_put(jax.tree.map(np.asarray, values), NamedSharding(self.mesh, PartitionSpec()))
+
+    def free_memory(self) -> int | None:
+        """Bytes that are free on the fullest device, its share of the machine's memory on a CPU; None if not known."""
+        free = []
+        for device in self.mesh.devices.flat:
+            stats = device.memory_stats() if device.platform != "cpu" else None
+            if stats and "bytes_limit" in stats:
+                free.append(stats["bytes_limit"] - stats.get("bytes_in_use", 0))
+        if free:
+            return min(free)
+        machine = free_machine_memory()
+        return None if machine is None else machine // self.count
+
+
+def free_machine_memory() -> int | None:
+    """Bytes of main memory that a process could still take, a container's limit included; None if not known."""
+    found = []
+    try:
+        with open("/proc/meminfo") as file:
+            found += [1024 * int(line.split()[1]) for line in file if line.startswith("MemAvailable:")]
+    except OSError:
+        pass
+    try:
+        with open("/sys/fs/cgroup/memory.max") as limit, open("/sys/fs/cgroup/memory.current") as used:
+            found.append(max(int(limit.read()) - int(used.read()), 0))
+    except (OSError, ValueError):  # no such control group, or "max": no limit
+        pass
+    return min(found, default=None)

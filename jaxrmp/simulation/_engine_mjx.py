@@ -1,0 +1,136 @@
+"""Many rollouts in MJX: policy and physics in one compiled program, on whatever devices there are."""
+
+import contextlib
+import io
+import logging
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from .._errors import MissingDependencyError
+from .._tree import acceleration
+from ._computed_torque import ArmDynamics, computed_torque, within_velocity_limits
+from ._devices import Devices
+from ._judge import Problem, Status, StopCriteria, Track, judge
+from ._physical_arm import PhysicalArm
+
+FAST_ON_CPU = "--xla_cpu_use_fusion_emitters=false"
+"""What XLA_FLAGS must hold on a CPU before JAX is used: without it MJX takes some 200 times as long."""
+
+
+class MjxState(NamedTuple):
+    """States of B starts: `q`, `qd` [B, n] of the arm, `qpos` [B, nq], `qvel` and `warm` [B, nv] (where the solver
+    begins) of everything, and their `track`."""
+
+    q: np.ndarray
+    qd: np.ndarray
+    qpos: np.ndarray
+    qvel: np.ndarray
+    warm: np.ndarray
+    track: Track
+
+
+class MjxEngine:
+    """Computed torque within torque and velocity limits, as `MujocoEngine`, in MJX; arguments as there.
+
+    `devices`, by default all of this process. The model is part of the compiled program.
+
+    **Raises** `MissingDependencyError` without mujoco-mjx.
+    """
+
+    name = "mjx"
+
+    def __init__(
+        self,
+        arm: PhysicalArm,
+        problem: Problem,
+        criteria: StopCriteria,
+        *,
+        chunk: int = 250,
+        every: int = 10,
+        devices: Devices | None = None,
+    ):
+        self._mjx = import_mjx()
+        self.arm, self.criteria, self.chunk, self.every = arm, criteria, chunk, every
+        self.dt = float(arm.model.opt.timestep)
+        self.devices = devices or Devices()
+        self._problem = self.devices.copied(problem)
+        self._model = self._mjx.put_model(arm.model)
+        self._template = self._mjx.make_data(arm.model)
+        self._advance = jax.jit(lambda problem, state: jax.vmap(lambda s: self._chunk(problem, s))(state))
+
+    def begin(self, q: np.ndarray) -> MjxState:
+        """States at rest at `q` [B, n]."""
+        q = np.asarray(q, np.float32)
+        qpos = np.repeat(np.asarray(self.arm.qpos, np.float32)[None], len(q), axis=0)
+        qpos[:, self.arm.positions] = q
+        qvel = np.zeros((len(q), self.arm.model.nv), np.float32)
+        return MjxState(q, np.zeros_like(q), qpos, qvel, qvel.copy(), Track.fresh(len(q)))
+
+    def advance(self, state: MjxState) -> MjxState:
+        """`chunk` steps of all that have not ended."""
+        return jax.tree.map(np.asarray, self._advance(self._problem, self.devices.split(state)))
+
+    def bytes_needed(self, batch: int) -> int:
+        """Memory that one call with `batch` starts takes on each device."""
+        split = self.devices.split(self.begin(np.zeros((batch, len(self.arm.positions)))))
+        needed = self._advance.lower(self._problem, split).compile().memory_analysis()
+        return 0 if needed is None else needed.temp_size_in_bytes + needed.output_size_in_bytes
+
+    def _chunk(self, problem: Problem, state: MjxState) -> MjxState:
+        def look(state, _):
+            state, _ = jax.lax.scan(lambda s, _: (self._step(problem, s), None), state, length=self.every)
+            clearance = jnp.minimum(state.track.clearance, problem.clearance(state.q))
+            return state._replace(track=state.track._replace(clearance=clearance)), None
+
+        return jax.lax.scan(look, state, length=self.chunk // self.every)[0]
+
+    def _step(self, problem: Problem, state: MjxState) -> MjxState:
+        mjx, model, arm = self._mjx, self._model, self.arm
+        q, qd, track = state.q, state.qd, state.track
+        track = judge(problem, self.criteria, self.dt, track, q, qd, problem.tree.energy(q, qd))
+        velocity_limit, torque_limit = (jnp.asarray(a, q.dtype) for a in (arm.velocity_limit, arm.torque_limit))
+        qdd = within_velocity_limits(acceleration(problem.tree, q, qd), qd, velocity_limit)
+        data = self._template.replace(qpos=state.qpos, qvel=state.qvel, qacc_warmstart=state.warm)
+        data = mjx.fwd_velocity(model, mjx.fwd_position(model, data))
+        dofs = arm.velocities
+        bias = (data.qfrc_bias - data.qfrc_passive)[dofs]
+        dynamics = ArmDynamics(mjx.full_m(model, data)[np.ix_(dofs, dofs)], bias)
+        torque = computed_torque(dynamics, qdd, torque_limit).torque
+        contacts = jnp.sum(_contact_distances(data) < 0, dtype=jnp.int32)
+        ahead = self._finish_step(data.replace(ctrl=data.ctrl.at[arm.actuators].set(torque)))
+        running = track.status == Status.RUNNING
+        track = track._replace(
+            touching=jnp.where(running, contacts, track.touching), touched=track.touched + (running & (contacts > 0))
+        )
+        new = (ahead.qpos[arm.positions], ahead.qvel[dofs], ahead.qpos, ahead.qvel, ahead.qacc_warmstart)
+        return MjxState(*(jnp.where(running, a, b) for a, b in zip(new, state[:-1], strict=True)), track)
+
+    def _finish_step(self, data: Any) -> Any:
+        """What `mjx.step` does after `fwd_velocity`, for the implicitfast integrator."""
+        mjx, model = self._mjx, self._model
+        data = mjx.fwd_acceleration(model, mjx.fwd_actuation(model, data))
+        constrained = getattr(data, "_impl", data).efc_J.size > 0
+        data = mjx.solve(model, data) if constrained else data.replace(qacc=data.qacc_smooth)
+        return mjx.implicit(model, data)
+
+
+def import_mjx() -> Any:
+    """`mujoco.mjx`, without what it prints where warp is not installed. **Raises** `MissingDependencyError`."""
+    level = logging.root.manager.disable
+    logging.disable(logging.WARNING)
+    try:
+        with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+            from mujoco import mjx
+    except ImportError as error:
+        raise MissingDependencyError("mujoco-mjx", "simulation") from error
+    finally:
+        logging.disable(level)
+    return mjx
+
+
+def _contact_distances(data: Any) -> jax.Array:
+    contact = getattr(data, "_impl", data).contact
+    return contact.dist
