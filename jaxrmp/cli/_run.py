@@ -21,9 +21,18 @@ from ..learning import (
     reproduction_errors,
 )
 from ..scenes import scene as build_scene
-from ..simulation import Criteria, Outcome, Rollout, Run, ScenePolicy, TrackerSettings, run_trials, sample_trials
+from ..simulation import (
+    Criteria,
+    Outcome,
+    Rollout,
+    Run,
+    ScenePolicy,
+    TrackerSettings,
+    close_spheres,
+    run_trials,
+    sample_trials,
+)
 from ..visualization import prepare_headless, save_physics_figures, save_video
-from ..world import panda_spheres
 from ._output import made_by, progress_bar, write_json
 from ._sources import demonstrations_of
 
@@ -99,7 +108,7 @@ def check_scene(skill: Skill, scene: str) -> None:
 
 def scene_policy(skill: Skill, robot: Robot, T_object_wrist: np.ndarray) -> ScenePolicy:
     """The skill with the wrist's orientation held as it was at the demonstrations' end, and obstacles avoided."""
-    policy = ScenePolicy(skill, robot, panda_spheres(), R_object_wrist=T_object_wrist[:3, :3])
+    policy = ScenePolicy(skill, robot, close_spheres(), R_object_wrist=T_object_wrist[:3, :3])
     return jax.tree.map(lambda a: np.asarray(a, np.float32) if np.asarray(a).dtype == float else a, policy)
 
 

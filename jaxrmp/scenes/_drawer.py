@@ -10,7 +10,8 @@ of the gripper's centre). Over six recorded and six synthetic ones:
   least far left the fingers: 0.9 cm beyond the origin. The policy's target, their mean, puts them 1.3 cm beyond: it
   presses the drawer home.
 - The fingertips' height stays within 2.7 cm of the origin's during the push, and the hand above them reaches 3.3 cm
-  forward: a handle 3 cm high at the origin's height, 6 cm before the front, is met by the fingers alone.
+  forward: a handle 3 cm high at the origin's height, 6 cm before the front, is met by the fingers alone. The wrist
+  leans over the closed drawer, so the cabinet is 9.5 cm higher than the handle, no more.
 """
 
 from typing import Any
@@ -34,11 +35,11 @@ def add_drawer(spec: Any, thing: Any) -> None:
     """The cabinet, fixed in the object's frame, and the drawer on its slide; 0 m is closed."""
     # x points out of the cabinet, so that opening is positive; the origin is the face of the closed handle.
     cabinet = add_body(thing, "cabinet", CLOSED_FACE * PUSH, upright(-PUSH))
-    add_box(cabinet, "cabinet_top", [-0.345, 0.0, 0.125], [0.25, 0.24, 0.01], WOOD)
-    add_box(cabinet, "cabinet_bottom", [-0.345, 0.0, -0.145], [0.25, 0.24, 0.01], WOOD)
-    add_box(cabinet, "cabinet_left", [-0.345, -0.23, -0.01], [0.25, 0.01, 0.125], WOOD)
-    add_box(cabinet, "cabinet_right", [-0.345, 0.23, -0.01], [0.25, 0.01, 0.125], WOOD)
-    add_box(cabinet, "cabinet_back", [-0.585, 0.0, -0.01], [0.01, 0.22, 0.125], WOOD, touches=False)
+    add_box(cabinet, "cabinet_top", [-0.345, 0.0, 0.085], [0.25, 0.24, 0.01], WOOD)
+    add_box(cabinet, "cabinet_bottom", [-0.345, 0.0, -0.185], [0.25, 0.24, 0.01], WOOD)
+    add_box(cabinet, "cabinet_left", [-0.345, -0.23, -0.05], [0.25, 0.01, 0.125], WOOD)
+    add_box(cabinet, "cabinet_right", [-0.345, 0.23, -0.05], [0.25, 0.01, 0.125], WOOD)
+    add_box(cabinet, "cabinet_back", [-0.585, 0.0, -0.05], [0.01, 0.22, 0.125], WOOD, touches=False)
     drawer = add_body(cabinet, "drawer", [0.0, 0.0, 0.0])
     drawer.add_joint(
         name=DRAWER_JOINT,
@@ -54,11 +55,11 @@ def add_drawer(spec: Any, thing: Any) -> None:
     for side in (-1.0, 1.0):
         name = "drawer_post_left" if side < 0 else "drawer_post_right"
         add_box(drawer, name, [-0.045, 0.12 * side, 0.0], [0.025, 0.008, 0.01], METAL, mass=0.05, touches=False)
-    add_box(drawer, "drawer_front", [-0.08, 0.0, -0.01], [0.01, 0.215, 0.12], LIGHT_WOOD, mass=1.2)
+    add_box(drawer, "drawer_front", [-0.08, 0.0, -0.05], [0.01, 0.215, 0.12], LIGHT_WOOD, mass=1.2)
     inside: dict[str, tuple[list[float], list[float]]] = {
-        "drawer_bottom": ([-0.29, 0.0, -0.12], [0.2, 0.2, 0.006]),
-        "drawer_left": ([-0.29, -0.2, -0.06], [0.2, 0.006, 0.06]),
-        "drawer_right": ([-0.29, 0.2, -0.06], [0.2, 0.006, 0.06]),
+        "drawer_bottom": ([-0.29, 0.0, -0.16], [0.2, 0.2, 0.006]),
+        "drawer_left": ([-0.29, -0.2, -0.10], [0.2, 0.006, 0.06]),
+        "drawer_right": ([-0.29, 0.2, -0.10], [0.2, 0.006, 0.06]),
     }
     for name, (center, half) in inside.items():
         add_box(drawer, name, center, half, LIGHT_WOOD, mass=0.4, touches=False)

@@ -45,7 +45,9 @@ def arm_spec() -> Any:
         width=128,
         height=768,
     )
-    spec.worldbody.add_light(pos=[1.0, 1.5, 2.5], dir=[-0.3, -0.5, -0.8], diffuse=[0.6, 0.6, 0.6])
+    spec.worldbody.add_light(
+        pos=[1.0, 1.5, 2.5], dir=[-0.3, -0.5, -0.8], diffuse=[0.5, 0.5, 0.5], cutoff=85.0, exponent=1.0
+    )
     spec.worldbody.add_geom(
         name="floor",
         type=mujoco.mjtGeom.mjGEOM_PLANE,

@@ -9,6 +9,7 @@ from .._errors import ConfigurationError, UnknownNameError
 from .._task_map import check_rigid
 from ..kinematics import Robot, panda
 from ..kinematics._mujoco import import_mujoco
+from ..kinematics._quaternions import rotation_of_quaternion
 from ..world import Capsules, World
 from ._door import DOOR_JOINT, add_door
 from ._drawer import DRAWER_JOINT, OPENING, add_drawer
@@ -30,9 +31,9 @@ class Cylinder(NamedTuple):
     and height, since MJX has no contact between boxes and cylinders.
     """
 
-    center: tuple[float, float] = (-0.20, 0.24)
-    radius: float = 0.03
-    height: float = 0.36
+    center: tuple[float, float] = (-0.18, 0.215)
+    radius: float = 0.025
+    height: float = 0.30
 
 
 @dataclass(frozen=True)
@@ -97,11 +98,8 @@ class Scene:
 
     def object_pose(self, data: Any) -> np.ndarray:
         """`T_world_object` [4, 4], the frame that skills speak of."""
-        mujoco = import_mujoco()
-        R = np.zeros(9)
-        mujoco.mju_quat2Mat(R, data.mocap_quat[0])
         T = np.eye(4)
-        T[:3, :3], T[:3, 3] = R.reshape(3, 3), data.mocap_pos[0]
+        T[:3, :3], T[:3, 3] = rotation_of_quaternion(data.mocap_quat[0]), data.mocap_pos[0]
         return T
 
     def joint_position(self, data: Any) -> float:

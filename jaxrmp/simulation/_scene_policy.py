@@ -1,15 +1,17 @@
 """A skill as the policy of a scene: what it was taught, the wrist held as it was shown, and obstacles avoided."""
 
+import functools
 from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from .._pytree import pytree, static
 from .._tree import Node, pullback
-from ..kinematics import FrameRotation, Robot
+from ..kinematics import PANDA_MODEL, FrameRotation, Robot
 from ..leaves import CollisionAvoidance, OrientationAttractor
-from ..world import ObstacleDistances, RobotSpheres, World
+from ..world import ObstacleDistances, RobotSpheres, World, panda_spheres, spheres_from_model
 
 
 @pytree
@@ -26,7 +28,7 @@ class ScenePolicy:
     skill: Any
     robot: Robot
     spheres: RobotSpheres
-    avoidance: CollisionAvoidance = CollisionAvoidance(barrier=0.03, reach=0.06)
+    avoidance: CollisionAvoidance = CollisionAvoidance(barrier=0.003, reach=0.05, epsilon=0.02)
     R_object_wrist: Any = None
     wrist_weight: jax.Array | float = 0.003
     wrist_stiffness: jax.Array | float = 25.0
@@ -46,3 +48,20 @@ class ScenePolicy:
             return tree
         distances = ObstacleDistances(self.spheres.points(self.robot), world, self.spheres.radii)
         return tree + pullback(distances, self.avoidance)
+
+
+@functools.cache
+def close_spheres() -> RobotSpheres:
+    """Spheres for the built-in Panda that stick out 8 mm at the hand, which passes close to things, else 1.4 cm.
+
+    The hand is `panda_link7` and what it carries.
+    """
+    hand = ("panda_link7", "panda_hand", "panda_leftfinger", "panda_rightfinger")
+    fine, coarse = spheres_from_model(PANDA_MODEL, 0.008, frames=hand), panda_spheres()
+    rest = [k for k, frame in enumerate(coarse.frames) if frame not in hand]
+    return RobotSpheres(
+        (*fine.frames, *(coarse.frames[k] for k in rest)),
+        np.concatenate([fine.offsets, np.asarray(coarse.offsets)[rest]]),
+        np.concatenate([fine.radii, np.asarray(coarse.radii)[rest]]),
+        coarse.coverage_error,
+    )

@@ -15,7 +15,7 @@ OBJECT_SPREAD = 0.10, float(np.radians(15.0))
 """How far the door is moved, m, and turned about the vertical, rad, at most."""
 DISPLACEMENT = 0.10
 """How far the object is displaced during execution, m."""
-CYLINDER_SPREAD = 0.05
+CYLINDER_SPREAD = 0.03
 """Of the cylinder's place, m, in each horizontal direction."""
 LEAST_CROSSED = 4
 """A seeded cylinder stands in the way of at least this many demonstrations."""
