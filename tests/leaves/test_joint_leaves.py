@@ -215,17 +215,23 @@ def test_joint_limit_gains_out_of_range_are_named(name, value):
         JointLimit(-np.ones(2), np.ones(2), **{name: value})
 
 
+@jax.jit
+def pushed(leaf, start, push):
+    """A second of a joint without inertia of its own, under a constant force."""
+    force = GDS(
+        Partial(lambda x, xd: jnp.zeros((1, 1))),
+        Partial(lambda push, x: -push * jnp.sum(x), push),
+        Partial(lambda x, xd: 0.02 * jnp.eye(1)),
+    )
+    return rollout(force + leaf, start, duration=1.0, dt=0.001)
+
+
 @pytest.mark.usefixtures("x64")
 @pytest.mark.parametrize(("margin", "push"), [(0.001, 0.0), (0.02, 15.0), (0.01, 30.0)])
 def test_a_joint_of_little_inertia_meets_its_barrier_in_steps_of_a_millisecond(margin, push):
     """Pushed hard, or started at its limit, it comes to rest there, and the energy never rises."""
     leaf = JointLimit(jnp.asarray([-1.0]), jnp.asarray([1.0]))
-    force = GDS(
-        Partial(lambda x, xd: jnp.zeros((1, 1))),
-        Partial(lambda push, x: -push * jnp.sum(x), jnp.asarray(push)),
-        Partial(lambda x, xd: 0.02 * jnp.eye(1)),
-    )
-    path = rollout(force + leaf, jnp.asarray([1.0 - margin]), duration=1.0, dt=0.001)
+    path = pushed(leaf, jnp.asarray([1.0 - margin]), push)
     rises = np.diff(np.asarray(path.energy))
     assert np.abs(path.qd).max() < 10 and (np.asarray(path.q) < 1).all()
     assert rises.max() < 1e-4 * np.ptp(path.energy)
