@@ -50,4 +50,4 @@ from ._skill_file import save_skill as save_skill
 from ._subtask_trajectories import SubtaskTrajectories as SubtaskTrajectories
 from ._subtask_trajectories import subtask_trajectories as subtask_trajectories
 from ._support import Support as Support
-from ._support import support_of_path as support_of_path
+from ._support import support_of_samples as support_of_samples

@@ -66,7 +66,7 @@ class PotentialSettings:
 class MetricSettings:
     """The metric's network and training, see `train_metrics`. Every other sample is trained on, each with a copy
     displaced by normal noise of standard deviation `spread`, m, and the same target velocity, so that the field is
-    smooth in a tube around the demonstrations. `reach`, m, of the metric's support around the nominal demonstration,
+    smooth in a tube around the demonstrations. `reach`, m, of the metric's support around the demonstrations,
     beyond which it becomes the identity; 0 for the network everywhere, as published."""
 
     hidden: tuple[int, ...] = (128, 64)
@@ -78,7 +78,7 @@ class MetricSettings:
     learning_rate: float = 0.005
     weight_decay: float = 3e-5
     spread: float = 0.01
-    reach: float = 0.1
+    reach: float = 0.05
 
     def __post_init__(self):
         _require("metric", self, positive=("hidden", "offset", "length_scale", "updates", "learning_rate"))

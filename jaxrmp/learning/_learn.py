@@ -20,7 +20,7 @@ from ._potential_choice import PotentialChoice, choose_potential
 from ._preprocessing import Preprocessed, preprocess
 from ._skill import Skill, joint_leaves, mean_pose, rigid_targets
 from ._subtask_trajectories import SubtaskTrajectories, subtask_trajectories
-from ._support import support_of_path
+from ._support import support_of_samples
 
 Progress = Callable[[str, float], None]
 _BEYOND_LIMITS = 0.2  # rad or m: recordings may sit a little outside a model's limits, degrees do not
@@ -264,8 +264,8 @@ def _train(
     settings = asdict(configuration.metric)
     del settings["spread"]
     reach = settings.pop("reach")
-    paths = np.asarray(potential.points)
-    support = _stacked([support_of_path(path, reach) for path in paths]) if reach > 0 else None
+    demonstrated = subtasks.positions[:, :, 1::4].reshape(len(x), -1, x.shape[-1])
+    support = _stacked([support_of_samples(samples, reach) for samples in demonstrated]) if reach > 0 else None
     updates = configuration.metric.updates
     return train_metrics(
         x,

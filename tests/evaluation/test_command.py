@@ -20,7 +20,7 @@ from jaxrmp.learning import (
     initial_cholesky_factor,
     load_skill,
     save_skill,
-    support_of_path,
+    support_of_samples,
 )
 from jaxrmp.leaves import Damping, JointLimit, Learned, NominalPotential
 from jaxrmp.scenes import scene
@@ -38,7 +38,7 @@ def skill_file(tmp_path_factory):
         jnp.asarray(path, jnp.float32), jnp.linspace(0.3, 0.0, 16), jnp.zeros(3), jnp.float32(0.05), jnp.float32(30.0)
     )
     potential = replace(potential, end_slope=jax.grad(potential)(jnp.zeros(3)))
-    factor = initial_cholesky_factor(jax.random.key(0), hidden=(8, 8), support=support_of_path(path, 0.1, 8))
+    factor = initial_cholesky_factor(jax.random.key(0), hidden=(8, 8), support=support_of_samples(path, 0.1, 8))
     stacked = jax.tree.map(lambda a: jnp.asarray(a, jnp.float32)[None], (potential, factor))
     skill = Skill(
         learned=Learned(*stacked, jnp.full(1, 0.3), jnp.full(1, 20.0)),
