@@ -15,22 +15,25 @@ endif
 export JAX_COMPILATION_CACHE_DIR ?= $(abspath .jax_cache)
 export JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS ?= 0
 
-.PHONY: demo test check format bench clean
+.PHONY: demo test osmesa check format bench clean
 
-demo: $(VENV)/.installed-demo
+demo: $(VENV)/.installed-demo osmesa
 	$(BIN)/jaxrmp learn configs/drawer_closing.toml --out out/drawer_closing
 	$(BIN)/jaxrmp reproduce out/drawer_closing/drawer_closing.skill.npz --json out/drawer_closing/reproduction.json
-	@if [ "$$(uname)" = Linux ] && [ -z "$$DISPLAY$$MUJOCO_GL" ] && ! ldconfig -p | grep -q libOSMesa; then \
-		if [ "$$(id -u)" = 0 ] && command -v apt-get > /dev/null; then \
-			apt-get update -qq && apt-get install -y -qq --no-install-recommends libosmesa6 > /dev/null; fi; fi
 	@if [ "$$(uname)" = Linux ] && [ -z "$$DISPLAY$$MUJOCO_GL" ] && ! ldconfig -p | grep -q libOSMesa; then \
 		echo "No video and pictures: they need OSMesa (as root: apt-get install libosmesa6)."; \
 		$(BIN)/jaxrmp run $(DEMO); \
 	else $(BIN)/jaxrmp run $(DEMO) --video out/drawer_closing/drawer.mp4 --figures out/drawer_closing/figures; fi
 	@echo "The drawer is closed. Skill, reports, video and pictures are in out/drawer_closing."
 
-test: $(VENV)/.installed-dev
+test: $(VENV)/.installed-dev osmesa
 	$(BIN)/python -m pytest -n auto --dist loadfile
+
+# What MuJoCo needs to draw without a display, where we may install it.
+osmesa:
+	@if [ "$$(uname)" = Linux ] && [ -z "$$DISPLAY$$MUJOCO_GL" ] && ! ldconfig -p | grep -q libOSMesa && \
+			[ "$$(id -u)" = 0 ] && command -v apt-get > /dev/null; then \
+		{ apt-get update -qq && apt-get install -y -qq --no-install-recommends libosmesa6; } > /dev/null || true; fi
 
 check: $(VENV)/.installed-dev
 	$(BIN)/ruff format --check .

@@ -65,8 +65,9 @@ class PotentialSettings:
 @dataclass(frozen=True)
 class MetricSettings:
     """The metric's network and training, see `train_metrics`. Every other sample is trained on, each with a copy
-    displaced by normal noise of standard deviation `spread`, m, and the same target velocity, so that the field is
-    smooth in a tube around the demonstrations. `reach`, m, of the metric's support around the demonstrations,
+    displaced by normal noise of standard deviation `spread`, m, whose target velocity leads back to the demonstration
+    over a length of `convergence`, m (infinite: parallel to it), so that the field converges in a tube around the
+    demonstrations. `reach`, m, of the metric's support around the demonstrations,
     beyond which it becomes the identity; 0 for the network everywhere, as published."""
 
     hidden: tuple[int, ...] = (128, 64)
@@ -78,10 +79,13 @@ class MetricSettings:
     learning_rate: float = 0.005
     weight_decay: float = 3e-5
     spread: float = 0.01
+    convergence: float = 0.1
     reach: float = 0.05
 
     def __post_init__(self):
-        _require("metric", self, positive=("hidden", "offset", "length_scale", "updates", "learning_rate"))
+        _require(
+            "metric", self, positive=("hidden", "offset", "length_scale", "updates", "learning_rate", "convergence")
+        )
         _require("metric", self, not_negative=("weight_decay", "spread", "reach"))
         for name, valid in (("activation", ACTIVATIONS), ("loss", LOSSES)):
             if getattr(self, name) not in valid:

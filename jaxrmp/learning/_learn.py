@@ -238,8 +238,9 @@ def training_samples(
     """What the metrics are trained on: positions and target velocities, both [K, S, 3].
 
     Every second sample of every demonstration, and a copy of it displaced by normal noise of standard deviation
-    `settings.spread` across the direction of motion that keeps its target velocity. The copies make the field
-    parallel in a tube around each demonstration: without them a rollout that drifts a little may be sent astray.
+    `settings.spread` across the direction of motion, whose target velocity is turned back to the demonstration so far
+    that it would arrive `settings.convergence` further on. The copies make the field converge in a tube around each
+    demonstration: without them a rollout that drifts a little may be sent astray.
     """
     K = len(subtasks.positions)
     x, v = subtasks.positions[:, :, 1::2], subtasks.velocities[:, :, 1::2]
@@ -247,7 +248,9 @@ def training_samples(
     noise = np.random.default_rng(seed).normal(size=x.shape) * settings.spread
     noise -= (noise * along).sum(-1, keepdims=True) * along
     noise[np.linalg.norm(x, axis=-1) < settings.spread] = 0  # near the goal the target velocity is not parallel
-    pairs = [(x, v), (x + noise, v)]
+    back = along - noise / settings.convergence
+    back *= np.linalg.norm(v, axis=-1, keepdims=True) / np.linalg.norm(back, axis=-1, keepdims=True)
+    pairs = [(x, v), (x + noise, back)]
     return tuple(np.concatenate([pair[i] for pair in pairs], axis=2).reshape(K, -1, 3) for i in range(2))  # type: ignore[return-value]
 
 
@@ -262,7 +265,7 @@ def _train(
     )
     slope = jax.jit(jax.vmap(lambda potential, x: jax.vmap(jax.grad(potential))(x)))(potential, x)
     settings = asdict(configuration.metric)
-    del settings["spread"]
+    del settings["spread"], settings["convergence"]
     reach = settings.pop("reach")
     demonstrated = subtasks.positions[:, :, 1::4].reshape(len(x), -1, x.shape[-1])
     support = _stacked([support_of_samples(samples, reach) for samples in demonstrated]) if reach > 0 else None

@@ -40,7 +40,7 @@ def run_blocks(text: str, name: str) -> dict:
     return namespace
 
 
-def test_readme_commands_run(monkeypatch, tmp_path, capsys):
+def test_readme_commands_run(monkeypatch, tmp_path, capsys, can_draw):
     """Each `jaxrmp` line of the section Commands, in order, in an empty folder, with less work than it would do."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("JAXRMP_DATA", raising=False)
@@ -52,6 +52,11 @@ def test_readme_commands_run(monkeypatch, tmp_path, capsys):
         arguments = shlex.split(line)[1:]
         if arguments[0] == "learn":
             arguments += ["--metric.updates", "100", "--potential.widths", "[0.05]", "--potential.basin_starts", "100"]
+        if arguments[0] == "evaluate":
+            arguments += ["--starts", "4", "--duration", "2"]
+        if not can_draw and "--video" in arguments:
+            at = arguments.index("--video")
+            arguments[at : at + 2] = []
         assert main(arguments) == 0, f"{line}: {capsys.readouterr().err}"
     assert (tmp_path / "out" / "errors.json").is_file()
     assert (tmp_path / "out" / "rollouts.npz").is_file()
@@ -100,7 +105,9 @@ def test_commands_parse(line):
 
 
 def test_there_are_commands_to_check():
-    assert {shlex.split(line)[1] for line in command_lines("jaxrmp")} == {"learn", "reproduce", "demonstrate"}
+    assert {shlex.split(line)[1] for line in command_lines("jaxrmp")} == {
+        *("learn", "reproduce", "run", "evaluate", "demonstrate")
+    }
 
 
 @pytest.mark.parametrize("line", command_lines("make"))

@@ -57,7 +57,7 @@ def test_a_skill_ends_where_the_demonstrations_end_in_the_objects_frame(learning
 
 
 def test_too_large_steps_are_reported_and_not_returned(learning):
-    wild = learning.skill.with_gains(0.2, 4000.0)
+    wild = learning.skill.with_gains(1e30, 4000.0)  # the joint limits alone would hold anything less
     with pytest.raises(RolloutError, match="became non-finite. Lower dt or the gains"):
         reproduce(wild, panda(), learning.prepared, duration=2.0)
 
