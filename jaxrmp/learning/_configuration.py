@@ -66,7 +66,7 @@ class PotentialSettings:
 class MetricSettings:
     """The metric's network and training, see `train_metrics`. Every other sample is trained on, each with a copy
     displaced by normal noise of standard deviation `spread`, m, whose target velocity leads back to the demonstration
-    over a length of `convergence`, m (infinite: parallel to it), so that the field converges in a tube around the
+    over a length of `convergence`, m (if large: parallel to it), so that the field converges in a tube around the
     demonstrations. `reach`, m, of the metric's support around the demonstrations,
     beyond which it becomes the identity; 0 for the network everywhere, as published."""
 

@@ -122,8 +122,17 @@ def test_training_samples_lie_in_a_tube_around_the_demonstrations(configuration,
     assert x.shape == v.shape == (3, N * T, 3)
     x, v = x.reshape(3, N, 2, T // 2, 3), v.reshape(3, N, 2, T // 2, 3)
     np.testing.assert_array_equal(x[:, :, 0], subtasks.positions[:, :, 1::2])
-    np.testing.assert_array_equal(v[:, :, 0], v[:, :, 1])
+    np.testing.assert_array_equal(v[:, :, 0], subtasks.velocities[:, :, 1::2])
     aside = x[:, :, 1] - x[:, :, 0]
+    # As fast as the sample itself, towards where the demonstration is `convergence` further on.
+    lengths = np.linalg.norm(v, axis=-1)
+    np.testing.assert_allclose(lengths[:, :, 1], lengths[:, :, 0], atol=1e-12)
+    ahead = configuration.metric.convergence * subtasks.directions[:, :, 1::2] - aside
+    cosine = np.sum(ahead * v[:, :, 1], -1) / np.linalg.norm(ahead, axis=-1) / np.maximum(lengths[:, :, 1], 1e-9)
+    np.testing.assert_allclose(cosine[lengths[:, :, 1] > 1e-6], 1, atol=1e-9)
+    parallel = training_samples(subtasks, replace(configuration.metric, convergence=1e9), seed=0)[1]
+    parallel = parallel.reshape(v.shape)
+    np.testing.assert_allclose(parallel[:, :, 1], parallel[:, :, 0], atol=1e-9)
     np.testing.assert_allclose(np.sum(aside * subtasks.directions[:, :, 1::2], -1), 0, atol=1e-12)
     assert 0.005 < np.linalg.norm(aside, axis=-1).mean() < 0.02
     assert (aside[np.linalg.norm(x[:, :, 0], axis=-1) < 0.01] == 0).all()
