@@ -13,8 +13,9 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.tree_util import Partial
 
-from jaxrmp import Node, acceleration, pullback
+from jaxrmp import Node, acceleration, compose, pullback
 from jaxrmp.kinematics import ControlPoints, Robot, panda
 from jaxrmp.leaves import (
     Attractor,
@@ -30,7 +31,6 @@ from jaxrmp.world import (
     Cylinders,
     HalfSpaces,
     ObstacleDistances,
-    RobotSpheres,
     SelfDistances,
     SignedDistanceGrid,
     Spheres,
@@ -45,6 +45,7 @@ READY = np.array([0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785])
 FREE = 0.10  # m, how far from every obstacle a goal must be for its reaching to count
 NEAR = 0.01  # m, how near to its goal counts as reached
 HAND = ("panda_hand_tcp",)
+STANDING = ("panda_link0", "panda_link1")  # the base, and the first link, which turns in place
 
 
 class Outcome(NamedTuple):
@@ -62,9 +63,9 @@ def whole_arm(robot: Robot, goal: jax.Array, world: World) -> Node:
     """The policy: one hand-designed leaf of each kind that an arm among obstacles needs, all of them certified."""
     hand = ControlPoints(robot, HAND, np.zeros((1, 3)))
     spheres = panda_spheres()
-    moving = _moving(spheres)
+    moving = spheres.without(*STANDING)
     return (
-        pullback(lambda q: hand(q)[0], Attractor(goal, **GAINS["goal"]))
+        pullback(compose(hand, Partial(_first)), Attractor(goal, **GAINS["goal"]))
         + pullback(
             ObstacleDistances(moving.points(robot), world, moving.radii),
             CollisionAvoidance(**GAINS["obstacle"], name="obstacles"),
@@ -91,17 +92,13 @@ GAINS: dict[str, dict[str, float]] = {
 }
 
 
-def _moving(spheres: RobotSpheres) -> RobotSpheres:
-    """Without those of the base and the first link, which turns in place."""
-    rows = [i for i, frame in enumerate(spheres.frames) if frame not in ("panda_link0", "panda_link1")]
-    return RobotSpheres(
-        tuple(spheres.frames[i] for i in rows), spheres.offsets[np.array(rows)], spheres.radii[np.array(rows)]
-    )
+def _first(points: jax.Array) -> jax.Array:
+    return points[0]
 
 
 def random_world(rng: np.random.Generator, robot: Robot) -> World:
     """A floor or wall and three to seven more obstacles of all other kinds, clear of the ready posture and the base."""
-    spheres = _moving(panda_spheres())
+    spheres = panda_spheres().without(*STANDING)
     at_ready = np.asarray(jax.jit(spheres.points(robot))(jnp.asarray(READY)))
     column = np.array([[0.0, 0.0, z] for z in np.arange(0.0, 0.5, 0.05)])
     guarded = np.concatenate([at_ready, column])
@@ -170,7 +167,7 @@ def _bowl(T: np.ndarray, active: bool = True) -> SignedDistanceGrid:
 def random_goals(rng: np.random.Generator, robot: Robot, count: int) -> np.ndarray:
     """Points that the arm can reach, [count, 3], m."""
     spheres = panda_spheres()
-    moving = _moving(spheres)
+    moving = spheres.without(*STANDING)
     floor = World(half_spaces=HalfSpaces.of([((0.0, 0.0, 1.0), -0.02)]))
     hand = ControlPoints(robot, HAND, np.zeros((1, 3)))
 
@@ -191,7 +188,7 @@ def random_goals(rng: np.random.Generator, robot: Robot, count: int) -> np.ndarr
 def outcomes(robot: Robot, world: World, goals: jax.Array, steps: int) -> Outcome:
     """Outcomes [goals] of rollouts from the ready posture to every goal in one world."""
     spheres = panda_spheres()
-    moving = _moving(spheres)
+    moving = spheres.without(*STANDING)
     obstacle = ObstacleDistances(moving.points(robot), world, moving.radii)
     itself = SelfDistances(spheres.points(robot), panda_self_pairs(), spheres.radii)
     hand = ControlPoints(robot, HAND, np.zeros((1, 3)))

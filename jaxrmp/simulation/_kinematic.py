@@ -1,6 +1,7 @@
 """Kinematic simulation: joints that do exactly what the policy asks."""
 
 import contextlib
+import warnings
 from functools import partial
 
 import jax
@@ -14,7 +15,7 @@ from .._tree import Node, acceleration
 from ..inspection import goals
 from ._arrival import warn_if_out_of_reach
 from ._rollout import Rollout
-from ._stable_step import warn_if_stiff
+from ._stable_step import StiffnessWarning, warn_if_stiff
 
 _STATES_CHECKED = 8
 
@@ -78,7 +79,16 @@ def rollout(
 
 
 def _check(tree: Node, path: Rollout, h: float, method: Method) -> None:
+    finite = np.isfinite(np.asarray(path.q)).all(1) & np.isfinite(np.asarray(path.qd)).all(1)
     chosen = np.linspace(0, len(path.q) - 1, _STATES_CHECKED).round().astype(int)
+    if not finite.all():
+        chosen = chosen[:1]  # states on the way to infinity say nothing about the step
+        warnings.warn(
+            f"the rollout is not finite from {float(path.time[finite.argmin()]):.3g} s on: the policy or the start "
+            f"holds numbers that are not, or steps of {h:.3g} s are too long.",
+            StiffnessWarning,
+            stacklevel=3,
+        )
     with contextlib.suppress(RolloutError):  # of a start that is no number, which the states show
         warn_if_stiff(tree, path.q[chosen], path.qd[chosen], h, method, stacklevel=4)
     warn_if_out_of_reach(path, stacklevel=4)

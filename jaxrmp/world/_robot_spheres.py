@@ -9,7 +9,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from .._errors import ConfigurationError, RobotError
+from .._errors import ConfigurationError, RobotError, UnknownNameError
 from .._pytree import pytree, set_field, static
 from .._ranges import require, require_number
 from ..kinematics import PANDA_MODEL, ControlPoints, Robot
@@ -53,6 +53,20 @@ class RobotSpheres:
     def size(self) -> int:
         """Number K of spheres."""
         return len(self.frames)
+
+    def without(self, *frames: str) -> "RobotSpheres":
+        """The spheres but those on `frames`: a base, say, which touches the floor that it stands on.
+
+        **Raises** `UnknownNameError` for a frame without spheres, `ConfigurationError` if none is left.
+        """
+        for name in frames:
+            if name not in self.frames:
+                raise UnknownNameError("frame with spheres", name, tuple(dict.fromkeys(self.frames)))
+        rows = np.array([i for i, name in enumerate(self.frames) if name not in frames], int)
+        if not rows.size:
+            raise ConfigurationError(f"no sphere is left without those on {sorted(set(frames))}.")
+        kept = tuple(self.frames[i] for i in rows)
+        return RobotSpheres(kept, self.offsets[rows], self.radii[rows], self.coverage_error)
 
     def points(self, robot: Robot) -> ControlPoints:
         """The task map from joint positions to the centres [K, 3]. **Raises** `UnknownNameError` for a frame."""

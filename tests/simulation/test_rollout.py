@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 
 from jaxrmp import GDS, pullback
 from jaxrmp.leaves import Damping, JointLimit
-from jaxrmp.simulation import rollout
+from jaxrmp.simulation import StiffnessWarning, rollout
 
 K, C, B = np.array([4.0, 9.0]), 0.5, np.array([0.6, 1.0])
 
@@ -81,3 +81,14 @@ def test_the_energy_of_a_certified_tree_does_not_rise_and_is_that_of_the_states(
 def test_single_precision_rollouts_stay_single():
     path = jax.jit(lambda q: rollout(Damping(), q, duration=0.1))(jnp.zeros(2, jnp.float32))
     assert {a.dtype.name for a in jax.tree.leaves(path)} == {"float32"}
+
+
+def test_a_rollout_that_is_not_finite_says_when_it_ceased_to_be():
+    """The advice on the step is then of the start, not of states on their way to infinity."""
+    with pytest.warns(StiffnessWarning) as caught:
+        path = rollout(Damping(1.0, 3000.0), jnp.zeros(2), jnp.ones(2), duration=20.0, dt=0.1)
+    assert not np.isfinite(np.asarray(path.qd)).all()
+    messages = [str(warning.message) for warning in caught]
+    time = float(path.time[np.isfinite(np.asarray(path.qd)).all(1).argmin()])
+    assert any(f"not finite from {time:.3g} s on" in message for message in messages)
+    assert any("longest stable step here is 0.000667 s" in message for message in messages)

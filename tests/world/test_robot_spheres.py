@@ -151,3 +151,17 @@ def test_what_cannot_be_covered_is_refused(tmp_path):
         spheres_from_model(path, frames=["hand"])
     with pytest.raises(ConfigurationError, match="2 frames with offsets"):
         RobotSpheres(("a", "b"), np.zeros((1, 3)), np.zeros(2))
+
+
+def test_spheres_of_a_base_can_be_left_out():
+    whole = panda_spheres()
+    moving = whole.without("panda_link0", "panda_link1")
+    assert 0 < moving.size < whole.size
+    kept = [i for i, name in enumerate(whole.frames) if name not in ("panda_link0", "panda_link1")]
+    assert moving.frames == tuple(whole.frames[i] for i in kept)
+    np.testing.assert_array_equal(moving.offsets, np.asarray(whole.offsets)[kept])
+    np.testing.assert_array_equal(moving.radii, np.asarray(whole.radii)[kept])
+    with pytest.raises(UnknownNameError, match="unknown frame with spheres 'panda_link'.*panda_link0"):
+        whole.without("panda_link")
+    with pytest.raises(ConfigurationError, match="no sphere is left without those on"):
+        whole.without(*set(whole.frames))
