@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.tree_util import Partial
 
-from jaxrmp import Node, acceleration, compose, pullback
+from jaxrmp import Node, acceleration, pullback
 from jaxrmp.kinematics import ControlPoints, Robot, panda
 from jaxrmp.leaves import (
     Attractor,
@@ -65,7 +65,7 @@ def whole_arm(robot: Robot, goal: jax.Array, world: World) -> Node:
     spheres = panda_spheres()
     moving = spheres.without(*STANDING)
     return (
-        pullback(compose(hand, Partial(_first)), Attractor(goal, **GAINS["goal"]))
+        pullback(Partial(_hand, hand), Attractor(goal, **GAINS["goal"]))
         + pullback(
             ObstacleDistances(moving.points(robot), world, moving.radii),
             CollisionAvoidance(**GAINS["obstacle"], name="obstacles"),
@@ -92,8 +92,8 @@ GAINS: dict[str, dict[str, float]] = {
 }
 
 
-def _first(points: jax.Array) -> jax.Array:
-    return points[0]
+def _hand(points: ControlPoints, q: jax.Array) -> jax.Array:
+    return points(q)[0]
 
 
 def random_world(rng: np.random.Generator, robot: Robot) -> World:
