@@ -97,7 +97,7 @@ def _hand(points: ControlPoints, q: jax.Array) -> jax.Array:
 
 
 def random_world(rng: np.random.Generator, robot: Robot) -> World:
-    """A floor or wall and three to seven more obstacles of all other kinds, clear of the ready posture and the base."""
+    """A floor and three to seven more obstacles of all other kinds, clear of the ready posture and the base."""
     spheres = panda_spheres().without(*STANDING)
     at_ready = np.asarray(jax.jit(spheres.points(robot))(jnp.asarray(READY)))
     column = np.array([[0.0, 0.0, z] for z in np.arange(0.0, 0.5, 0.05)])
