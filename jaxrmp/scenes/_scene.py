@@ -1,5 +1,6 @@
 """Scenes: a MuJoCo model of the arm with furniture, and what a runner asks about it."""
 
+import os
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -13,6 +14,7 @@ from ..kinematics._quaternions import rotation_of_quaternion
 from ..world import Capsules, World
 from ._door import DOOR_JOINT, add_door
 from ._drawer import DRAWER_JOINT, OPENING, add_drawer
+from ._meshes import add_meshes, panda_meshes
 from ._parts import add_camera, add_object, arm_spec, quaternion
 
 SCENES = ("drawer", "drawer_obstacle", "door")
@@ -169,28 +171,14 @@ def scene(name: str, *, T_world_object: np.ndarray | None = None, cylinder: Cyli
         raise UnknownNameError("scene", name, SCENES)
     if cylinder is not None and name != "drawer_obstacle":
         raise ConfigurationError(f"scene {name!r} takes no cylinder: use 'drawer_obstacle'.")
-    door = name == "door"
     if name == "drawer_obstacle":
         cylinder = cylinder or Cylinder()
         if not (cylinder.radius > 0 and cylinder.height > 2 * cylinder.radius):
             raise ConfigurationError(f"{cylinder}: expected a positive radius and a height of more than twice that.")
+    door = name == "door"
     T = _default_pose(door) if T_world_object is None else check_rigid(T_world_object)
-    spec = arm_spec()
-    arm = [g for body in spec.bodies[1:] for g in body.geoms]
-    for i, geom in enumerate(arm):
-        geom.name = geom.name or f"arm_{i}"
-    arm_names = [geom.name for geom in arm]
-    robot = panda()
-    thing = add_object(spec, T)
-    if door:
-        add_door(spec, thing)
-        add_camera(spec, T[:3, 3] + [-1.15, -0.95, 0.5], T[:3, 3] + [0.15, 0.1, -0.1])
-    else:
-        add_drawer(spec, thing)
-        add_camera(spec, T[:3, 3] + [0.75, 1.15, 0.75], T[:3, 3] + [-0.25, 0.15, 0.05])
-    if cylinder is not None:
-        _add_cylinder(spec, cylinder)
-    model = spec.compile()
+    spec, arm_names = _spec(name, T, cylinder)
+    robot, model = panda(), spec.compile()
     joints = [model.joint(joint) for joint in robot.joint_names]
     touching = np.flatnonzero((model.geom_conaffinity > 0) & (model.geom_contype == 0))
     wanted = {"drawer_handle", "drawer_front"}
@@ -209,6 +197,39 @@ def scene(name: str, *, T_world_object: np.ndarray | None = None, cylinder: Cyli
         joint=DOOR_JOINT if door else DRAWER_JOINT,
         start=0.0 if door else OPENING,
     )
+
+
+def picture_model(place: Scene, meshes: str | os.PathLike | None = None) -> Any:
+    """The model of a scene as it is drawn: with the looks of Menagerie's Panda where they are at hand, else as it is.
+
+    States of one are states of the other. **Arguments**: `meshes`, the MJCF file, by default `panda_meshes()`.
+    **Raises** `RobotError` for a file that is not that.
+    """
+    meshes = meshes or panda_meshes()
+    if meshes is None:
+        return place.model
+    spec, _ = _spec(place.name, place.T_world_object, place.cylinder)
+    add_meshes(spec, meshes)
+    return spec.compile()
+
+
+def _spec(name: str, T: np.ndarray, cylinder: Cylinder | None) -> tuple[Any, list[str]]:
+    """The editable model, and the names of the arm's geometries."""
+    spec = arm_spec()
+    arm = [g for body in spec.bodies[1:] for g in body.geoms]
+    for i, geom in enumerate(arm):
+        geom.name = geom.name or f"arm_{i}"
+    arm_names = [geom.name for geom in arm]
+    thing = add_object(spec, T)
+    if name == "door":
+        add_door(spec, thing)
+        add_camera(spec, T[:3, 3] + [-1.15, -0.95, 0.5], T[:3, 3] + [0.15, 0.1, -0.1])
+    else:
+        add_drawer(spec, thing)
+        add_camera(spec, T[:3, 3] + [0.75, 1.15, 0.75], T[:3, 3] + [-0.25, 0.15, 0.05])
+    if cylinder is not None:
+        _add_cylinder(spec, cylinder)
+    return spec, arm_names
 
 
 def _default_pose(door: bool) -> np.ndarray:

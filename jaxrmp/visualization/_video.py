@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ import numpy as np
 from .._errors import ConfigurationError, MissingDependencyError
 from .._files import atomic_write
 from ..kinematics._mujoco import import_mujoco
+from ..scenes import picture_model
 from ..simulation import Run
 
 _SIZE = 480, 640
@@ -52,6 +54,7 @@ def save_video(run: Run, path: str | os.PathLike, trials: int = 3) -> Path:
     except ImportError as error:
         raise MissingDependencyError("imageio-ffmpeg", "simulation") from error
     frames = []
+    run = _pictured(run)
     with _renderer(run.scene.model) as renderer:
         for k in range(min(trials, len(run.trials))):
             frames += [_frame(renderer, run, k, t) for t in range(0, len(run.traces[k].time), 2)]
@@ -78,10 +81,16 @@ def snapshots(run: Run, trial: int = 0, count: int = 6) -> np.ndarray:
     Rana et al. 2019, figures 3, 5, 7 and 8. **Raises** `ConfigurationError` where MuJoCo cannot draw.
     """
     instants = np.linspace(0, len(run.traces[trial].time) - 1, count).round().astype(int)
+    run = _pictured(run)
     with _renderer(run.scene.model) as renderer:
         frames = [_frame(renderer, run, trial, int(t)) for t in instants]
     cut = _SIZE[1] // 8
     return np.concatenate([frame[:, cut:-cut] for frame in frames], axis=1)
+
+
+def _pictured(run: Run) -> Run:
+    """The same run in the model that is drawn."""
+    return run._replace(scene=replace(run.scene, model=picture_model(run.scene)))
 
 
 def _renderer(model: Any) -> Any:

@@ -1,0 +1,111 @@
+"""The Panda's looks, from a model of MuJoCo Menagerie, for pictures alone: nothing is downloaded, physics stays."""
+
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .._errors import RobotError
+from ..kinematics._mujoco import import_mujoco
+from ._parts import FINGER_WIDTH
+
+_BODIES = {f"panda_link{i}": f"link{i}" for i in range(8)} | {
+    "panda_hand": "hand",
+    "panda_leftfinger": "left_finger",
+    "panda_rightfinger": "right_finger",
+}
+_SEEN = 2  # group of the geometries that are there to be looked at
+
+
+def panda_meshes() -> Path | None:
+    """The MJCF file of mujoco-menagerie's Panda, where that package is installed and has fetched it; None elsewhere.
+
+    `python -m mujoco_menagerie prefetch franka_emika_panda` fetches it, or set `MENAGERIE_ROOT` to a checkout of
+    MuJoCo Menagerie, for which the package is not needed.
+    """
+    root = os.environ.get("MENAGERIE_ROOT")
+    if root:
+        file = Path(root) / "franka_emika_panda" / "panda.xml"
+        return file if file.exists() else None
+    try:
+        import mujoco_menagerie  # type: ignore[import-not-found]
+    except ImportError:
+        return None
+    cache, robot = mujoco_menagerie.Cache(), mujoco_menagerie.get("franka_emika_panda")
+    return Path(cache.model_path(robot)) / "panda.xml" if cache.is_cached(robot) else None
+
+
+def add_meshes(spec: Any, source: str | os.PathLike) -> None:
+    """Give the arm of a scene's `spec` the looks of Menagerie's Panda at `source`; its own geometry becomes invisible.
+
+    Meshes are put where `source` has them while all joints are at zero and the fingers at `FINGER_WIDTH`, so that the
+    frames of the two models may differ. They touch nothing and weigh nothing.
+
+    **Raises** `RobotError` if `source` cannot be read or has not the bodies of Menagerie's Panda.
+    """
+    mujoco = import_mujoco()
+    try:
+        theirs = mujoco.MjSpec.from_file(str(source))
+        places = _body_poses(theirs.compile(), FINGER_WIDTH)
+    except ValueError as error:
+        raise RobotError(f"{str(source)!r} cannot be read as an MJCF model: {error}") from error
+    if missing := sorted(set(_BODIES.values()) - set(places)):
+        raise RobotError(f"{str(source)!r} is not Menagerie's Panda: it has no bodies {', '.join(missing)}.")
+    ours = _body_poses(spec.compile(), 0.0)
+    folder = Path(source).parent / (theirs.meshdir or "")
+    meshes = {mesh.name or Path(mesh.file).stem: mesh for mesh in theirs.meshes}
+    for material in theirs.materials:
+        spec.add_material(name=f"mesh_{material.name}", rgba=material.rgba, specular=0.4, shininess=0.3)
+    for own_name, name in _BODIES.items():
+        body = spec.body(own_name)
+        T_own_theirs = np.linalg.inv(ours[own_name]) @ places[name]
+        seen = [g for g in theirs.body(name).geoms if g.group == _SEEN and g.type == mujoco.mjtGeom.mjGEOM_MESH]
+        if seen:
+            for geom in body.geoms:
+                geom.rgba = [*geom.rgba[:3], 0.0]
+        for geom in seen:
+            mesh = meshes[geom.meshname]
+            if spec.mesh(f"mesh_{geom.meshname}") is None:
+                spec.add_mesh(name=f"mesh_{geom.meshname}", file=str((folder / mesh.file).resolve()), scale=mesh.scale)
+            T = T_own_theirs @ _pose(geom.pos, geom.quat)
+            body.add_geom(
+                type=mujoco.mjtGeom.mjGEOM_MESH,
+                meshname=f"mesh_{geom.meshname}",
+                material=f"mesh_{geom.material}" if geom.material else "",
+                rgba=geom.rgba,
+                pos=T[:3, 3],
+                quat=_quaternion(T[:3, :3]),
+                mass=0.0,
+                contype=0,
+                conaffinity=0,
+                group=_SEEN,
+            )
+
+
+def _body_poses(model: Any, finger: float) -> dict[str, np.ndarray]:
+    """Poses [4, 4] of all bodies with the joints at zero and fingers, if they slide, at `finger`, m."""
+    mujoco = import_mujoco()
+    data = mujoco.MjData(model)
+    data.qpos[:] = 0
+    for j in range(model.njnt):
+        if "finger" in model.joint(j).name:
+            data.qpos[model.jnt_qposadr[j]] = finger
+    mujoco.mj_kinematics(model, data)
+    return {model.body(b).name: _pose(data.xpos[b], data.xquat[b]) for b in range(model.nbody)}
+
+
+def _pose(position: np.ndarray, quaternion: np.ndarray) -> np.ndarray:
+    mujoco = import_mujoco()
+    R = np.empty(9)
+    mujoco.mju_quat2Mat(R, np.asarray(quaternion, float))
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = R.reshape(3, 3), position
+    return T
+
+
+def _quaternion(R: np.ndarray) -> np.ndarray:
+    mujoco = import_mujoco()
+    quat = np.empty(4)
+    mujoco.mju_mat2Quat(quat, np.ascontiguousarray(R).ravel())
+    return quat
