@@ -74,6 +74,7 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
         "learned_from": skill.source,
         "physics": engine.name,
         "scene": arguments.scene or "the arm alone",
+        "leaves": [leaf.name for leaf in problem.tree.leaves()],
         "seed": arguments.seed,
         "starts_from": (arguments.start_file and str(arguments.start_file))
         or (f"within {arguments.around} rad of demonstrations" if arguments.around else "joint limits"),
@@ -89,6 +90,8 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
     page = arguments.html or (arguments.json and arguments.json.with_suffix(".html"))
     if arguments.json:
         write_json(found, arguments.json)
+    if arguments.save:
+        _save_ends(evaluation, arguments.save)
     if page:
         title = f"{configuration.name}: {len(starts)} starts, {engine.name}"
         write_page(found, _pictures(evaluation), page, title=title)
@@ -133,6 +136,25 @@ def _prepare_jax(arguments: argparse.Namespace) -> None:
             raise ConfigurationError(f"--devices cannot be set once JAX is in use: {error}") from error
     if arguments.process is not None:
         joined(arguments.coordinator, arguments.processes, arguments.process)
+
+
+def _save_ends(evaluation: Any, path: Path) -> None:
+    """Every start and where it ended, for a comparison of engines or for one's own analysis."""
+    ends, outcomes = evaluation.ends, evaluation.outcomes
+    with atomic_write(path) as file:
+        np.savez_compressed(
+            file,
+            starts=evaluation.starts,
+            kind=ends.kind,
+            q=outcomes.q,
+            qd=outcomes.qd,
+            points=ends.points,
+            error=ends.error,
+            seconds=evaluation.seconds,
+            energy_increase=evaluation.energy_increase,
+            touched=np.asarray(outcomes.track.touched),
+            clearance=np.asarray(outcomes.track.clearance),
+        )
 
 
 def _around(arguments, problem, skill, configuration, robot, count):

@@ -146,7 +146,12 @@ def _add_evaluate(commands) -> None:
     parser.add_argument("--html", metavar="FILE", type=Path, help="write the page, default beside --json")
     parser.add_argument("--strict", action="store_true", help="exit code 1 if any start fails or diverges")
     parser.add_argument("--replay", metavar="INDEX", type=int, help="roll out from this one start again and say how")
-    parser.add_argument("--save", metavar="FILE", type=Path, help="for --replay: write its states as NPZ: time, q, qd")
+    parser.add_argument(
+        "--save",
+        metavar="FILE",
+        type=Path,
+        help="write every start and end as NPZ; with --replay its states on the way",
+    )
     parser.add_argument("--devices", metavar="N", type=int, help="use N virtual devices on a CPU, such as its cores")
     parser.add_argument("--processes", metavar="N", type=int, default=1, help="share the starts among N processes")
     parser.add_argument("--process", metavar="I", type=int, help="be number I of them (else all are started here)")

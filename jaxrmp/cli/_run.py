@@ -4,11 +4,9 @@ import argparse
 import sys
 from typing import Any
 
-import jax
 import numpy as np
 
 from .._errors import ConfigurationError, RolloutError
-from ..kinematics import Robot
 from ..learning import (
     PreparedDemonstrations,
     Reproduction,
@@ -26,11 +24,10 @@ from ..simulation import (
     Outcome,
     Rollout,
     Run,
-    ScenePolicy,
     TrackerSettings,
-    close_spheres,
     run_trials,
     sample_trials,
+    whole_arm_policy,
 )
 from ..visualization import prepare_headless, save_physics_figures, save_video
 from ._output import made_by, progress_bar, write_json
@@ -63,7 +60,7 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
         T_object_wrist = demonstrated_end(prepared, scene.robot, "panda_hand_tcp")
         result = run_trials(
             scene,
-            scene_policy(skill, scene.robot, T_object_wrist),
+            whole_arm_policy(skill, scene.robot),
             trials,
             criteria=Criteria(T_object_wrist=T_object_wrist if scene.name == "door" else None, limit=arguments.limit),
             tracker=_tracker(arguments, skill),
@@ -104,12 +101,6 @@ def check_scene(skill: Skill, scene: str) -> None:
             else f"scene {scene!r} tracks the object {there!r}, and skill {name!r} lives in the frame of the arm's "
             "base: use --scene drawer or drawer_obstacle."
         )
-
-
-def scene_policy(skill: Skill, robot: Robot, T_object_wrist: np.ndarray) -> ScenePolicy:
-    """The skill with the wrist's orientation held as it was at the demonstrations' end, and obstacles avoided."""
-    policy = ScenePolicy(skill, robot, close_spheres(), R_object_wrist=T_object_wrist[:3, :3])
-    return jax.tree.map(lambda a: np.asarray(a, np.float32) if np.asarray(a).dtype == float else a, policy)
 
 
 def _tracker(arguments: argparse.Namespace, skill: Skill) -> TrackerSettings | None:

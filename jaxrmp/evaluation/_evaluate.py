@@ -10,8 +10,8 @@ from .._task_map import Selection
 from .._tree import Node, pullback
 from ..kinematics import ControlPoints, Robot, panda
 from ..learning import Skill
-from ..simulation import Engine, Outcomes, Problem, StopCriteria, largest_batch, simulate
-from ..world import SelfDistances, panda_self_pairs, panda_spheres
+from ..simulation import Engine, Outcomes, Problem, StopCriteria, largest_batch, simulate, whole_arm_policy
+from ..world import SelfDistances, World, panda_self_pairs, panda_spheres
 from ._distribution import shared_out
 from ._ends import End, Ends, classify_ends
 from ._stability import CertificateWatch
@@ -58,15 +58,17 @@ class Evaluation(NamedTuple):
 
 
 def skill_problem(skill: Skill, robot: Robot, *, tree: Node | None = None, distances: tuple = ()) -> Problem:
-    """What `evaluate` rolls out: a skill's policy, and the Panda's distances to itself.
+    """What `evaluate` rolls out: the whole arm's policy, and the Panda's distances to itself.
 
-    **Arguments**: `tree`, by default the skill's own; `distances`, further ones to watch, such as to a scene.
+    **Arguments**: `tree`, by default that of `simulation.whole_arm_policy` without obstacles; `distances`, further ones
+    to watch, such as to a scene.
     """
     if robot.fingerprint == panda().fingerprint:
         spheres = panda_spheres()
         distances = (SelfDistances(spheres.points(robot), panda_self_pairs(), spheres.radii), *distances)
     hand = ControlPoints(robot, skill.frames, skill.offsets)
-    return Problem(tree or skill.tree(robot), skill.task_map(robot), hand, robot.lower, robot.upper, tuple(distances))
+    tree = tree or whole_arm_policy(skill, robot).tree(skill.T_world_object, World())
+    return Problem(tree, skill.task_map(robot), hand, robot.lower, robot.upper, tuple(distances))
 
 
 def limit_leaf(skill: Skill, robot: Robot) -> Node | None:

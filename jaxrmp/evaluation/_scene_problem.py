@@ -6,7 +6,7 @@ from ..kinematics import Robot
 from ..kinematics._mujoco import import_mujoco
 from ..learning import Skill
 from ..scenes import Scene
-from ..simulation import Problem, ScenePolicy
+from ..simulation import Problem, whole_arm_policy
 from ..world import Boxes, Capsules, HalfSpaces, ObstacleDistances, RobotSpheres, World, panda_spheres
 from ._evaluate import skill_problem
 
@@ -14,14 +14,14 @@ _STANDING = ("panda_link0", "panda_link1")  # on the floor, as they must be
 
 
 def scene_problem(skill: Skill, robot: Robot, scene: Scene) -> Problem:
-    """What `evaluate` rolls out in a scene: the skill with avoidance of its obstacles, distances to the furniture too.
+    """What `evaluate` rolls out in a scene: the whole arm's policy, which avoids its obstacles.
 
-    The furniture counts where it is at first; what the skill is to touch (the drawer's front and handle) does not
-    count. Spheres cover the arm and stick out of it by 1.4 cm, so that a distance is never too large.
+    Distances to the furniture are watched too: it counts where it is at first, and what the skill is to touch (the
+    drawer's front and handle) does not count. Spheres cover the arm and stick out of it by 1.4 cm, so that a distance
+    is never too large.
     """
     spheres = panda_spheres()
-    policy = ScenePolicy(skill, robot, spheres)
-    tree = policy.tree(np.asarray(skill.T_world_object, np.float32), scene.obstacles())
+    tree = whole_arm_policy(skill, robot).tree(skill.T_world_object, scene.obstacles())
     movers = [i for i, frame in enumerate(spheres.frames) if frame not in _STANDING]
     moving = RobotSpheres(
         tuple(spheres.frames[i] for i in movers), np.asarray(spheres.offsets)[movers], np.asarray(spheres.radii)[movers]

@@ -120,6 +120,7 @@ def learn(
         offsets=jnp.asarray(offsets, jnp.float32),
         targets=jnp.asarray(rigid_targets(offsets, frames, prepared.subtasks.ends), jnp.float32),
         T_world_object=jnp.asarray(mean_pose(prepared.poses), jnp.float32),
+        R_object_hand=jnp.asarray(demonstrated_end(prepared, robot, frames[0])[:3, :3], jnp.float32),
         frames=frames,
         subtasks=tuple(subtask.name for subtask in configuration.subtasks),
         limited=limited,

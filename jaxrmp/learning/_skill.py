@@ -22,7 +22,8 @@ class Skill:
     `learned`, the K subtasks' leaves as one, stacked on the leading axis; `joint_damping` and `joint_limit` (of the
     joints in `limited`, None if no joint has limits); `offsets` [K, 3], the control points in their frames, m;
     `targets` [K, 3], where they go, in the object's frame, m; `T_world_object` [4, 4], the object's pose in the
-    demonstrations, in the world of the robot's model; `frames` and `subtasks`, K names each; `configuration`, what it
+    demonstrations, in the world of the robot's model; `R_object_hand` [3, 3], how the first control point's frame is
+    turned where they end, in the object's frame; `frames` and `subtasks`, K names each; `configuration`, what it
     was learned with; `robot_fingerprint`, the kinematics it was learned on; `source`, where the demonstrations came
     from.
     """
@@ -33,6 +34,7 @@ class Skill:
     offsets: jax.Array
     targets: jax.Array
     T_world_object: jax.Array
+    R_object_hand: jax.Array
     frames: tuple[str, ...] = static()
     subtasks: tuple[str, ...] = static()
     limited: tuple[int, ...] = static()

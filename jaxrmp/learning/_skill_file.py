@@ -21,11 +21,12 @@ from ._metric_network import CholeskyFactor, initial_cholesky_factor
 from ._skill import Skill
 from ._support import Support
 
-FORMAT, VERSION = "jaxrmp skill", 2
+FORMAT, VERSION = "jaxrmp skill", 3
 _HEADER = "header.json"
 _DAMPING = ("weight", "damping_rate")
 _LIMIT = ("lower", "upper", "rest", "weight", "sigma", "stiffness", "damping_rate", "barrier", "reach", "frequency")
 _SUPPORT = ("anchors", "reach", "strength")
+_PLACES = ("offsets", "targets", "T_world_object", "R_object_hand")
 _POTENTIAL = ("points", "biases", "end_slope", "width", "sharpness")
 
 
@@ -40,7 +41,7 @@ def save_skill(skill: Skill, path: str | os.PathLike) -> Path:
     if factor.support is not None:
         arrays |= {f"support/{name}": getattr(factor.support, name) for name in _SUPPORT}
     arrays |= {"gains/speed": skill.learned.speed, "gains/damping_rate": skill.learned.damping_rate}
-    arrays |= {name: getattr(skill, name) for name in ("offsets", "targets", "T_world_object")}
+    arrays |= {name: getattr(skill, name) for name in _PLACES}
     arrays |= {f"joint_damping/{name}": getattr(skill.joint_damping, name) for name in _DAMPING}
     if skill.joint_limit is not None:
         arrays |= {f"joint_limit/{name}": getattr(skill.joint_limit, name) for name in _LIMIT}
@@ -139,6 +140,7 @@ def _skill_from(header: dict[str, Any], arrays: dict[str, np.ndarray]) -> Skill:
         offsets=_taken(left, "offsets", (K, 3)),
         targets=_taken(left, "targets", (K, 3)),
         T_world_object=_taken(left, "T_world_object", (4, 4)),
+        R_object_hand=_taken(left, "R_object_hand", (3, 3)),
         frames=tuple(header["frames"]),
         subtasks=tuple(header["subtasks"]),
         limited=limited,

@@ -48,6 +48,7 @@ def skill_file(tmp_path_factory):
         offsets=jnp.zeros((1, 3)),
         targets=ControlPoints(robot, ("panda_hand",), np.zeros((1, 3), np.float32))(jnp.asarray(HOME)),
         T_world_object=jnp.eye(4),
+        R_object_hand=jnp.eye(3),
         frames=("panda_hand",),
         subtasks=("hand",),
         configuration=Configuration("reach", (Subtask("hand", "panda_hand"),)),

@@ -43,6 +43,7 @@ def skill() -> Skill:
         offsets=jnp.asarray(OFFSETS, jnp.float32),
         targets=jnp.asarray(OFFSETS - OFFSETS[0], jnp.float32),
         T_world_object=jnp.eye(4).at[:3, 3].set(jnp.array([0.5, 0.1, 0.4])),
+        R_object_hand=jnp.eye(3),
         frames=FRAMES,
         subtasks=("gripper", "left", "right"),
         configuration=Configuration("reach", tuple(Subtask(n, "panda_link7") for n in ("gripper", "left", "right"))),

@@ -101,6 +101,7 @@ def learning():
         offsets=jnp.zeros((2, 3)),
         targets=jnp.zeros((2, 3)),
         T_world_object=jnp.eye(4),
+        R_object_hand=jnp.eye(3),
         frames=("hand", "hand"),
         subtasks=NAMES,
         configuration=Configuration("test_skill", tuple(Subtask(name, "hand") for name in NAMES)),
