@@ -7,7 +7,7 @@ import platform
 from importlib.metadata import version
 from pathlib import Path
 
-from . import latency, learning, physics, reproduction, scenes, tracker
+from . import evaluation, latency, learning, physics, reproduction, scenes, tracker
 
 BENCHMARKS = {
     "latency": latency.rows,
@@ -15,6 +15,7 @@ BENCHMARKS = {
     "reproduction": reproduction.rows,
     "scenes": scenes.rows,
     "physics": physics.rows,
+    "evaluation": evaluation.rows,
     "tracker": tracker.rows,
 }
 

@@ -42,7 +42,7 @@ def rows() -> list[dict[str, Any]]:
 
 
 def _row(source: str, name: str, task: str, arguments: list[str], skipped: int) -> dict[str, Any]:
-    skill = _skill(source, task)
+    skill = learned_skill(source, task)
     file = _OUT / "run.json"
     if main(["run", str(skill), *arguments, "--json", str(file)]):
         raise SystemExit(f"jaxrmp run {skill} {' '.join(arguments)} failed")
@@ -60,7 +60,8 @@ def _row(source: str, name: str, task: str, arguments: list[str], skipped: int) 
     }
 
 
-def _skill(source: str, task: str) -> Path:
+def learned_skill(source: str, task: str) -> Path:
+    """The skill file of a task, learned from a source by its configuration; it is kept in out/benchmarks."""
     folder = _OUT / f"{source}_{task}"
     file = folder / f"{task}.skill.npz"
     if not file.exists():

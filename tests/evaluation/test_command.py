@@ -12,7 +12,7 @@ import pytest
 from jaxrmp import ConfigurationError
 from jaxrmp.cli import main
 from jaxrmp.evaluation import check_starts, sample_starts, scene_problem
-from jaxrmp.kinematics import ControlPoints, panda
+from jaxrmp.kinematics import ControlPoints, forward_kinematics, panda
 from jaxrmp.learning import (
     Configuration,
     Skill,
@@ -48,7 +48,7 @@ def skill_file(tmp_path_factory):
         offsets=jnp.zeros((1, 3)),
         targets=ControlPoints(robot, ("panda_hand",), np.zeros((1, 3), np.float32))(jnp.asarray(HOME)),
         T_world_object=jnp.eye(4),
-        R_object_hand=jnp.eye(3),
+        R_object_hand=forward_kinematics(robot, jnp.asarray(HOME), "panda_hand")[:3, :3],
         frames=("panda_hand",),
         subtasks=("hand",),
         configuration=Configuration("reach", (Subtask("hand", "panda_hand"),)),
@@ -61,12 +61,15 @@ def skill_file(tmp_path_factory):
 @pytest.fixture(scope="module")
 def report(skill_file, tmp_path_factory):
     out = tmp_path_factory.mktemp("report") / "report.json"
-    assert main(["evaluate", skill_file, "--starts", "12", *FAST, "--dt", "0.001", "--json", str(out)]) == 0
-    return json.loads(out.read_text()), out.with_suffix(".html").read_text()
+    ends = out.with_suffix(".npz")
+    command = ["evaluate", skill_file, "--starts", "12", *FAST, "--dt", "0.001", "--duration", "20", "--json", str(out)]
+    assert main([*command, "--save", str(ends)]) == 0
+    with np.load(ends) as saved:
+        return json.loads(out.read_text()), out.with_suffix(".html").read_text(), dict(saved)
 
 
 def test_the_report_holds_what_a_reviewer_asks_for(report):
-    found, _ = report
+    found = report[0]
     assert found["starts"] == 12 and found["non_finite"] == 0
     shares = ("converged", "stopped_at_limit", "held_by_contact", "spurious", "unfinished", "diverged")
     assert sum(found[name] for name in shares) == pytest.approx(1.0)
@@ -77,6 +80,20 @@ def test_the_report_holds_what_a_reviewer_asks_for(report):
     assert sum(r["starts"] for r in found["regions"]) == 24  # by side, and by distance
     assert found["failing_starts"] == len(found["failing"])
     assert found["settings"]["physics"] == "kinematic" and found["settings"]["seed"] == 4
+
+
+def test_every_start_and_end_can_be_saved(report):
+    found, _, saved = report
+    assert saved["starts"].shape == saved["q"].shape == (12, 7)
+    assert (saved["kind"] == 1).mean() == pytest.approx(found["converged"])
+    assert saved["error"] == pytest.approx(np.linalg.norm(saved["points"], axis=-1).max(-1))
+    assert saved["energy_increase"].max() == pytest.approx(found["max_energy_increase"])
+
+
+def test_the_whole_arm_is_evaluated(report):
+    leaves = report[0]["settings"]["leaves"]
+    assert {"self_collision", "joint_velocity_limit", "hand_orientation", "joint_limit"} < set(leaves)
+    assert report[0]["starts_that_touched"] == 0 and report[0]["max_joint_speed_rad_s"] < 2.61
 
 
 def test_stability_is_told_as_mathematics(report):
