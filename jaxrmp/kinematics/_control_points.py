@@ -1,7 +1,7 @@
 """The task map from joint positions to points on the robot."""
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -13,9 +13,20 @@ from .._materialise import materialise
 from .._pytree import pytree, set_field, static
 from .._task_map import Pushforward, TaskMap, Transport
 from ._forward import configuration
+from ._jacobian import jacobian_columns, jacobian_rows, rows
 from ._motion import BodyMotion, JointAxis, attach, carry, move
-from ._robot import KinematicModel, Robot
-from ._scalars import ZERO, Vector, add3, cross, mul, rotate, scale, sub3
+from ._robot import Robot
+from ._scalars import Vector, rotate
+
+
+class PointMotions(NamedTuple):
+    """K points on a robot: motions, entries [K], accelerations those at `qdd = 0`; their bodies; the joints' axes."""
+
+    position: Vector
+    velocity: Vector
+    acceleration: Vector
+    bodies: tuple[int, ...]
+    axes: dict[int, JointAxis]
 
 
 @pytree
@@ -74,27 +85,33 @@ class ControlPoints(TaskMap):
         return Pushforward(*(self._in_order(column) for column in zip(*groups, strict=True)))
 
     def transport(self, x, xd):
-        x, xd = configuration(self.robot, x), configuration(self.robot, xd, "xd")
-        motions, axes = self._point_motions(x, xd)
-        bodies = [0] * len(self.frames)
-        groups = []
-        for body, k, motion in motions:
-            for i in k:
-                bodies[i] = body
-            entries = (motion.position, motion.velocity, motion.acceleration)
-            groups.append([rows(v, (len(k),), x.dtype) for v in entries])
-        y, yd, c = (self._in_order(column) for column in zip(*groups, strict=True))
+        motions = self.motions(x, xd)
+        y, yd, c = (jnp.stack(part, axis=1) for part in motions[:3])
 
         def pull(form):
             form, at = form.dense(), [materialise(y[:, i]) for i in range(3)]
             M = [[materialise(form.M[:, i, j]) for j in range(3)] for i in range(3)]
             f = [form.f[:, i] - sum(M[i][j] * c[:, j] for j in range(3)) for i in range(3)]
-            J = jacobian_rows(self.robot.model, bodies, (at[0], at[1], at[2]), axes, x.dtype)
+            J = jacobian_rows(self.robot.model, motions.bodies, (at[0], at[1], at[2]), motions.axes, x.dtype)
             MJ = [jnp.asarray(sum(M[i][j] * J[j] for j in range(3))) for i in range(3)]
             parts = [NaturalForm(J[i] @ f[i], J[i] @ MJ[i].T) for i in range(3)]
             return parts[0] + parts[1] + parts[2]
 
         return Transport(y, yd, pull)
+
+    def motions(self, x: jax.Array, xd: jax.Array) -> PointMotions:
+        """What the Jacobian of the points, and of distances between them, is made of."""
+        x, xd = configuration(self.robot, x), configuration(self.robot, xd, "xd")
+        motions, axes = self._point_motions(x, xd)
+        bodies = [0] * len(self.frames)
+        groups: list[list[jax.Array]] = []
+        for body, k, motion in motions:
+            for i in k:
+                bodies[i] = body
+            entries = (*motion.position, *motion.velocity, *motion.acceleration)
+            groups.append([jnp.broadcast_to(jnp.asarray(v, x.dtype), (len(k),)) for v in entries])
+        x, y, z, *rest = (self._in_order(column) for column in zip(*groups, strict=True))
+        return PointMotions((x, y, z), (rest[0], rest[1], rest[2]), (rest[3], rest[4], rest[5]), tuple(bodies), axes)
 
     def _groups(self) -> list[tuple[str, list[int]]]:
         """Each distinct frame with the indices of its points."""
@@ -118,81 +135,3 @@ class ControlPoints(TaskMap):
         order = [k for _, points in self._groups() for k in points]
         joined = jnp.concatenate(groups)
         return joined if order == sorted(order) else joined[np.argsort(order)]
-
-
-def jacobian_rows(
-    model: KinematicModel, bodies: Sequence[int], position: Vector, axes: dict[int, JointAxis], dtype: Any
-) -> Vector:
-    """The transposed rows of the Jacobian of K points at `position` (entries [K]) on `bodies`: three arrays [n, K].
-
-    As `jacobian_columns`, for points on different bodies at once and with the longer axis last.
-    """
-    joints = [i for i in axes if model.joints[i].coordinate >= 0]
-    if not joints:
-        still = jnp.zeros((len(model.joint_names), len(bodies)), dtype)
-        return still, still, still
-    above = [{i for b in model.path(body) for i in model.joints_of_body[b]} for body in bodies]
-    moved = np.array([[i in found for found in above] for i in joints], dtype).reshape(len(joints), len(bodies))
-    along = [scale(model.joints[i].multiplier, axes[i].direction) for i in joints]
-    turns = [model.joints[i].kind == "revolute" for i in joints]
-    directions = _entries([v if turn else ZERO for v, turn in zip(along, turns, strict=True)], dtype)
-    slides = _entries([ZERO if turn else v for v, turn in zip(along, turns, strict=True)], dtype)
-    anchors = _entries([axes[i].anchor for i in joints], dtype)
-    directions, slides, anchors = (
-        tuple(v if isinstance(v, float) else v[:, None] for v in vector) for vector in (directions, slides, anchors)
-    )
-    entries = (mul(moved, v) for v in add3(cross(directions, sub3(position, anchors)), slides))
-    # A planar arm has a row that is the number zero.
-    x, y, z = (jnp.broadcast_to(jnp.asarray(v, dtype), moved.shape) for v in entries)
-    of_coordinate = [model.joints[i].coordinate for i in joints]
-    n = len(model.joint_names)
-    if of_coordinate == list(range(n)):
-        return x, y, z
-    # Joints that share a coordinate add up, and a coordinate without a joint above the points has none.
-    sums = np.array([[c == i for c in of_coordinate] for i in range(n)], dtype).reshape(n, len(joints))
-    return sums @ x, sums @ y, sums @ z
-
-
-def jacobian_columns(
-    model: KinematicModel, body: int, position: Vector, axes: dict[int, JointAxis], n: int, dtype: Any
-) -> Vector:
-    """The three rows of the Jacobian of K points at `position` (entries [K]) on `body`: three arrays [K, n]."""
-    movers: list[list[int]] = [[] for _ in range(n)]  # the joints above the body that each coordinate moves
-    for i in (i for b in model.path(body) for i in model.joints_of_body[b]):
-        if model.joints[i].coordinate >= 0:
-            movers[model.joints[i].coordinate].append(i)
-    point = (position[0][:, None], position[1][:, None], position[2][:, None])
-    columns = ZERO
-    for turn in range(max((len(joints) for joints in movers), default=0)):  # more than one turn for mimic joints only
-        directions, anchors, slides = [], [], []
-        for joints in movers:
-            direction, anchor, slide = ZERO, ZERO, ZERO
-            if turn < len(joints):
-                joint, axis = model.joints[joints[turn]], axes[joints[turn]]
-                along = scale(joint.multiplier, axis.direction)
-                if joint.kind == "revolute":
-                    direction, anchor = along, axis.anchor
-                else:
-                    slide = along
-            directions.append(direction)
-            anchors.append(anchor)
-            slides.append(slide)
-        arms = sub3(point, _entries(anchors, dtype))
-        columns = add3(columns, add3(cross(_entries(directions, dtype), arms), _entries(slides, dtype)))
-    return columns
-
-
-def _entries(vectors: list[Vector], dtype: Any) -> Vector:
-    """Vectors as one vector of arrays, component by component; a component that is zero throughout stays a float."""
-    columns = list(zip(*vectors, strict=True))
-    known = [all(isinstance(v, float) and v == 0.0 for v in column) for column in columns]
-    x, y, z = (
-        0.0 if zero else jnp.stack([jnp.asarray(v, dtype) for v in column])
-        for zero, column in zip(known, columns, strict=True)
-    )
-    return x, y, z
-
-
-def rows(vector: Vector, shape: tuple[int, ...], dtype: Any) -> jax.Array:
-    """Three components of `shape` [K, ...] as one array [K, 3, ...]."""
-    return jnp.stack([jnp.broadcast_to(jnp.asarray(v, dtype), shape) for v in vector], axis=1)

@@ -7,8 +7,8 @@ import jax.numpy as jnp
 from .._errors import ShapeError
 from .._pytree import pytree, set_field, static
 from .._task_map import Pushforward, TaskMap
-from ._control_points import jacobian_columns, rows
 from ._forward import configuration
+from ._jacobian import jacobian_columns, rows
 from ._motion import BodyMotion, JointAxis, attach, move
 from ._robot import Robot
 from ._scalars import ZERO, Vector, add3, cross

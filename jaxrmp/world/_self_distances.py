@@ -4,11 +4,18 @@ from collections.abc import Callable, Iterable
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
+from jax.lax import Precision
 
 from .._errors import ConfigurationError, ShapeError
+from .._forms import DiagonalForm, NaturalForm
+from .._materialise import materialise
 from .._pytree import pytree, set_field, static
-from .._task_map import Pushforward, TaskMap, pushforward
+from .._task_map import Pushforward, TaskMap, Transport, pushforward, transport_by_jacobian
+from ..kinematics import ControlPoints
+from ..kinematics._jacobian import line_rows
+from ..kinematics._scalars import cross
 from ._components import components, dot, length, length_derivatives
 from ._obstacle_distances import radii_of_points, set_radii
 
@@ -56,6 +63,33 @@ class SelfDistances(TaskMap):
         J = at.J[i] - at.J[j]
         J = dot((x[:, None], y[:, None], z[:, None]), (J[:, 0], J[:, 1], J[:, 2]))
         return Pushforward(length(*offset) - radii, dot((x, y, z), v), J, bend + dot((x, y, z), c))
+
+    def transport(self, x, xd):
+        if not isinstance(self.points, ControlPoints):
+            return transport_by_jacobian(self, x, xd)
+        # A joint moves two of the robot's own points apart by what it does along the line through them, so that what
+        # is pulled back are lines, and no points: of their Jacobians only the differences are ever needed.
+        at = self.points.motions(x, xd)
+        i, j, radii = self._ends(jnp.stack(at.position, axis=1))
+        # Columns are taken by products with ones and zeros, which are exact, and vectorise where gathers do not.
+        first, second = (np.eye(len(at.bodies), dtype=x.dtype)[:, ends] for ends in (i, j))
+        entries = materialise(jnp.stack([*at.position, *at.velocity, *at.acceleration]))
+        p = jnp.matmul(entries[:3], first, precision=Precision.HIGHEST)
+        between = jnp.matmul(entries, first - second, precision=Precision.HIGHEST).reshape(3, 3, len(i))
+        offset, v, c = ((part[0], part[1], part[2]) for part in between)
+        slopes, bend = length_derivatives(offset, v)
+        u = (materialise(slopes[0]), materialise(slopes[1]), materialise(slopes[2]))
+
+        def pull(form):
+            ends = [at.bodies[k] for k in i], [at.bodies[k] for k in j]
+            J = line_rows(self.points.robot.model, ends, u, cross((p[0], p[1], p[2]), u), at.axes, x.dtype)
+            c_along = bend + dot(u, c)
+            if isinstance(form, DiagonalForm):
+                weight = materialise(form.d)
+                return NaturalForm(J @ materialise(form.f - weight * c_along), (J * weight) @ J.T)
+            return NaturalForm(J @ (form.f - form.M @ c_along), J @ form.M @ J.T)
+
+        return Transport(length(*offset) - radii, dot(u, v), pull)
 
     def _ends(self, p):
         """First and second points of the pairs, and the sums of their radii."""

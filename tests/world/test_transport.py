@@ -1,5 +1,7 @@
 """Forms pulled back through distances, point by point, against the Jacobian of all distances by autodiff."""
 
+from pathlib import Path
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -7,7 +9,8 @@ import pytest
 
 from jaxrmp import DiagonalForm, NaturalForm, RigidTransform, Translation, certificate, compose, pullback, transport
 from jaxrmp._materialise import materialise
-from jaxrmp._task_map import pull_form, pushforward_by_autodiff
+from jaxrmp._task_map import pull_form, pushforward_by_autodiff, transport_by_jacobian
+from jaxrmp.kinematics import ControlPoints, load_robot
 from jaxrmp.leaves import CollisionAvoidance, Damping
 from jaxrmp.world import ObstacleDistances, SelfDistances
 
@@ -57,6 +60,40 @@ def test_forms_are_pulled_back_as_through_the_jacobian_by_autodiff(name):
     batch, expected = jax.jit(jax.vmap(ours))(X, XD), jax.jit(jax.vmap(theirs))(X, XD)
     alone = jax.jit(ours)(X[0], XD[0])
     for a, one, e in zip(*(jax.tree.leaves(found) for found in (batch, alone, expected)), strict=True):
+        np.testing.assert_allclose(a, e, rtol=0, atol=1e-10 * np.abs(e).max())
+        np.testing.assert_allclose(one, e[0], rtol=0, atol=1e-10 * np.abs(e).max())
+
+
+BRANCHING = Path(__file__).parents[1] / "kinematics" / "models" / "branching.xml"
+
+
+def robot_and_its_own_distances():
+    """Between links of one branch, of two branches, of a branch and the world; joints that slide, follow, lock."""
+    robot = load_robot(BRANCHING)
+    frames = [name for name in robot.frame_names if not name.startswith("site:")]
+    points = ControlPoints(robot, tuple(frames), 0.3 * np.random.default_rng(1).normal(size=(len(frames), 3)))
+    pairs = [(i, j) for i in range(len(frames)) for j in range(i)]
+    return robot, SelfDistances(points, pairs, 0.01)
+
+
+def test_forms_are_pulled_back_through_lines_on_a_robot_as_through_jacobians_of_its_points():
+    robot, psi = robot_and_its_own_distances()
+    rng = np.random.default_rng(3)
+    X, XD = jnp.asarray(rng.normal(size=(2, 8, robot.num_joints)))
+    forms = random_forms(len(psi.pairs))
+
+    def by(transport):
+        def carry(x, xd):
+            y, yd, pull = transport(psi, x, xd)
+            return y, yd, [pull(form) for form in forms]
+
+        return carry
+
+    expected = jax.jit(jax.vmap(by(transport_by_jacobian)))(X, XD)
+    found = jax.jit(jax.vmap(by(transport)))(X, XD)
+    alone = jax.jit(by(transport))(X[0], XD[0])
+    for a, one, e in zip(*(jax.tree.leaves(part) for part in (found, alone, expected)), strict=True):
+        assert np.abs(e).max() > 0.1
         np.testing.assert_allclose(a, e, rtol=0, atol=1e-10 * np.abs(e).max())
         np.testing.assert_allclose(one, e[0], rtol=0, atol=1e-10 * np.abs(e).max())
 

@@ -1,0 +1,136 @@
+"""Jacobians of points of the robot, and of distances between them, from where the joints' axes are."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ._motion import JointAxis
+from ._robot import KinematicModel
+from ._scalars import ZERO, Vector, add3, cross, mul, scale, sub3
+
+
+def jacobian_rows(
+    model: KinematicModel, bodies: Sequence[int], position: Vector, axes: dict[int, JointAxis], dtype: Any
+) -> Vector:
+    """The transposed rows of the Jacobian of K points at `position` (entries [K]) on `bodies`: three arrays [n, K].
+
+    As `jacobian_columns`, for points on different bodies at once and with the longer axis last.
+    """
+    joints = _moving(model, axes)
+    if not joints:
+        still = jnp.zeros((len(model.joint_names), len(bodies)), dtype)
+        return still, still, still
+    moved = _above(model, joints, bodies, dtype)
+    directions, slides = (_entries(vectors, dtype) for vectors in _turns_and_slides(model, joints, axes))
+    anchors = _entries([axes[i].anchor for i in joints], dtype)
+    directions, slides, anchors = (
+        tuple(v if isinstance(v, float) else v[:, None] for v in vector) for vector in (directions, slides, anchors)
+    )
+    entries = (mul(moved, v) for v in add3(cross(directions, sub3(position, anchors)), slides))
+    # A planar arm has a row that is the number zero.
+    x, y, z = (_by_coordinate(model, joints, jnp.broadcast_to(jnp.asarray(v, dtype), moved.shape)) for v in entries)
+    return x, y, z
+
+
+def line_rows(
+    model: KinematicModel,
+    ends: tuple[Sequence[int], Sequence[int]],
+    direction: Vector,
+    moment: Vector,
+    axes: dict[int, JointAxis],
+    dtype: Any,
+) -> jax.Array:
+    """The transposed Jacobian [n, P] of P distances, each along a line from a point on one body to one on another.
+
+    **Arguments**: `ends`, the bodies of the first and of the second points; `direction` `u`, unit vectors from the
+    second to the first point, and `moment`, `p x u` for a point p of the line, entries [P]. A joint above the first
+    body changes the distance by `z . (p x u) + (o x z) . u` if it turns about the axis z through o, by `z . u` if it
+    slides; one above the second by minus that; and one above both by nothing, whatever the line is.
+    """
+    joints, P = _moving(model, axes), len(ends[0])
+    if not joints:
+        return jnp.zeros((len(model.joint_names), P), dtype)
+    sign = _above(model, joints, ends[0], dtype) - _above(model, joints, ends[1], dtype)
+    turns, slides = _turns_and_slides(model, joints, axes)
+    slides = [add3(cross(axes[i].anchor, turn), slide) for i, turn, slide in zip(joints, turns, slides, strict=True)]
+    entries = [v for vectors in (turns, slides) for column in zip(*vectors, strict=True) for v in column]
+    screws = jnp.stack([jnp.asarray(v, dtype) for v in entries]).reshape(6, len(joints))
+    lines = jnp.stack([*moment, *direction])
+    return _by_coordinate(model, joints, sign * (screws.T @ lines))
+
+
+def _moving(model: KinematicModel, axes: dict[int, JointAxis]) -> list[int]:
+    return [i for i in axes if model.joints[i].coordinate >= 0]
+
+
+def _above(model: KinematicModel, joints: list[int], bodies: Sequence[int], dtype: Any) -> np.ndarray:
+    """Which joints move which bodies: ones and zeros [joints, bodies]."""
+    above = [{i for b in model.path(body) for i in model.joints_of_body[b]} for body in bodies]
+    return np.array([[i in found for found in above] for i in joints], dtype).reshape(len(joints), len(bodies))
+
+
+def _turns_and_slides(
+    model: KinematicModel, joints: list[int], axes: dict[int, JointAxis]
+) -> tuple[list[Vector], list[Vector]]:
+    """Angular velocity, and velocity besides that, that each joint gives at unit rate of its coordinate."""
+    along = [scale(model.joints[i].multiplier, axes[i].direction) for i in joints]
+    turning = [model.joints[i].kind == "revolute" for i in joints]
+    turns = [v if turn else ZERO for v, turn in zip(along, turning, strict=True)]
+    return turns, [ZERO if turn else v for v, turn in zip(along, turning, strict=True)]
+
+
+def _by_coordinate(model: KinematicModel, joints: list[int], rows: jax.Array) -> jax.Array:
+    """Rows of joints as rows of coordinates: those of one coordinate add up, and one without a joint has zeros."""
+    of_coordinate, n = [model.joints[i].coordinate for i in joints], len(model.joint_names)
+    if of_coordinate == list(range(n)):
+        return rows
+    sums = np.array([[c == i for c in of_coordinate] for i in range(n)], rows.dtype).reshape(n, len(joints))
+    return jnp.asarray(sums @ rows)
+
+
+def jacobian_columns(
+    model: KinematicModel, body: int, position: Vector, axes: dict[int, JointAxis], n: int, dtype: Any
+) -> Vector:
+    """The three rows of the Jacobian of K points at `position` (entries [K]) on `body`: three arrays [K, n]."""
+    movers: list[list[int]] = [[] for _ in range(n)]  # the joints above the body that each coordinate moves
+    for i in (i for b in model.path(body) for i in model.joints_of_body[b]):
+        if model.joints[i].coordinate >= 0:
+            movers[model.joints[i].coordinate].append(i)
+    point = (position[0][:, None], position[1][:, None], position[2][:, None])
+    columns = ZERO
+    for turn in range(max((len(joints) for joints in movers), default=0)):  # more than one turn for mimic joints only
+        directions, anchors, slides = [], [], []
+        for joints in movers:
+            direction, anchor, slide = ZERO, ZERO, ZERO
+            if turn < len(joints):
+                joint, axis = model.joints[joints[turn]], axes[joints[turn]]
+                along = scale(joint.multiplier, axis.direction)
+                if joint.kind == "revolute":
+                    direction, anchor = along, axis.anchor
+                else:
+                    slide = along
+            directions.append(direction)
+            anchors.append(anchor)
+            slides.append(slide)
+        arms = sub3(point, _entries(anchors, dtype))
+        columns = add3(columns, add3(cross(_entries(directions, dtype), arms), _entries(slides, dtype)))
+    return columns
+
+
+def _entries(vectors: list[Vector], dtype: Any) -> Vector:
+    """Vectors as one vector of arrays, component by component; a component that is zero throughout stays a float."""
+    columns = list(zip(*vectors, strict=True))
+    known = [all(isinstance(v, float) and v == 0.0 for v in column) for column in columns]
+    x, y, z = (
+        0.0 if zero else jnp.stack([jnp.asarray(v, dtype) for v in column])
+        for zero, column in zip(known, columns, strict=True)
+    )
+    return x, y, z
+
+
+def rows(vector: Vector, shape: tuple[int, ...], dtype: Any) -> jax.Array:
+    """Three components of `shape` [K, ...] as one array [K, 3, ...]."""
+    return jnp.stack([jnp.broadcast_to(jnp.asarray(v, dtype), shape) for v in vector], axis=1)
