@@ -131,18 +131,13 @@ class Pullback(Node):
         return pull(self.node.evaluate(y, yd))
 
     def energy(self, x, xd):
-        return self.node.energy(*self._there(x, xd))
+        return self.node.energy(*jax.jvp(self.task_map, (x,), (xd,)))
 
     def dissipation(self, x, xd):
-        return self.node.dissipation(*self._there(x, xd))
+        return self.node.dissipation(*jax.jvp(self.task_map, (x,), (xd,)))
 
     def leaves(self):
         yield from self.node.leaves()
-
-    def _there(self, x, xd):
-        """Position and velocity in the node's space, computed as `evaluate` does: a program with both has it once."""
-        y, yd, _ = transport(self.task_map, x, xd)
-        return y, yd
 
 
 @pytree

@@ -1,6 +1,7 @@
 """What kind of end each rollout came to."""
 
 import enum
+from collections.abc import Callable
 from typing import NamedTuple
 
 import jax
@@ -28,7 +29,7 @@ class End(enum.IntEnum):
 class Ends(NamedTuple):
     """Of N rollouts: `kind` [N], an `End`; `points` [N, K, 3], the control points less their targets, m; `hand` [N, 3],
     the first of them in the world, m; `error` [N], the largest distance of one to its target, m; `push` [N, n], what
-    the joint limits push with, N m; `residual` [N], the largest entry of the potential's gradient there, N m; `margin`
+    the joint limits push with, N m; `residual` [N], the largest entry of the force that is left there, N m; `margin`
     [N, n], the joints' distance to their limits."""
 
     kind: np.ndarray
@@ -50,16 +51,11 @@ def classify_ends(problem: Problem, limits: Node | None, outcomes: Outcomes) -> 
     **Arguments**: `limits`, the leaf of the joint limits as a node on joint space, None without.
     """
     q = np.asarray(outcomes.q, np.float32)
-    parts = []
-    for first in range(0, len(q), _BATCH):
-        block = q[first : first + _BATCH]
-        padded = np.concatenate([block, np.repeat(block[:1], _BATCH - len(block), axis=0)])
-        parts.append([np.asarray(a)[: len(block)] for a in _forces(problem, limits, padded)])
-    points, hand, slope, push = (np.concatenate(part) for part in zip(*parts, strict=True))
+    places = where(problem, q)
+    force, push = _by_blocks(lambda block: _forces(problem, limits, block), q)
     margin = np.minimum(q - np.asarray(problem.lower), np.asarray(problem.upper) - q)
-    error = np.linalg.norm(points, axis=-1).max(-1)
-    residual = np.abs(slope).max(-1)
-    at_limit = (np.abs(push) > np.maximum(_PUSHES, 10 * np.abs(slope))).any(1)
+    residual = np.abs(force).max(-1)
+    at_limit = (np.abs(push) > np.maximum(_PUSHES, 10 * np.abs(force))).any(1)
     status = outcomes.status
     kind = np.full(len(q), End.UNFINISHED)
     kind[status == Status.CONVERGED] = End.CONVERGED
@@ -68,14 +64,43 @@ def classify_ends(problem: Problem, limits: Node | None, outcomes: Outcomes) -> 
     kind[resting & (outcomes.track.touching > 0)] = End.HELD_BY_CONTACT
     kind[resting & (outcomes.track.touching == 0) & at_limit] = End.STOPPED_AT_LIMIT
     kind[status == Status.DIVERGED] = End.DIVERGED
-    return Ends(kind, points, hand, error, push, residual, margin)
+    return Ends(kind, *places, push, residual, margin)
+
+
+class Places(NamedTuple):
+    """Of N configurations: `points`, `hand` and `error`, as in `Ends`."""
+
+    points: np.ndarray
+    hand: np.ndarray
+    error: np.ndarray
+
+
+def where(problem: Problem, q: np.ndarray) -> Places:
+    """Where the control points are at N configurations [N, n]."""
+    points, hand = _by_blocks(lambda block: _points(problem, block), q)
+    return Places(points, hand, np.linalg.norm(points, axis=-1).max(-1))
+
+
+def _by_blocks(compute: Callable[[np.ndarray], tuple], q: np.ndarray) -> tuple[np.ndarray, ...]:
+    """What a compiled function of blocks of one size finds for all of `q`."""
+    parts = []
+    for first in range(0, len(q), _BATCH):
+        block = q[first : first + _BATCH]
+        padded = np.concatenate([block, np.repeat(block[:1], _BATCH - len(block), axis=0)])
+        parts.append([np.asarray(a)[: len(block)] for a in compute(padded)])
+    return tuple(np.concatenate(part) for part in zip(*parts, strict=True))
 
 
 @jax.jit
 def _forces(problem: Problem, limits: Node | None, q: jax.Array):
     def one(q):
         still = jnp.zeros_like(q)
-        push = still if limits is None else jax.grad(limits.energy)(q, still)
-        return problem.points(q), problem.hand(q)[0], jax.grad(problem.tree.energy)(q, still), push
+        push = still if limits is None else limits(q, still).f
+        return problem.tree(q, still).f, push
 
     return jax.vmap(one)(q)
+
+
+@jax.jit
+def _points(problem: Problem, q: jax.Array):
+    return jax.vmap(lambda q: (problem.points(q), problem.hand(q)[0]))(q)

@@ -13,7 +13,7 @@ from ..learning import Skill
 from ..simulation import Engine, Outcomes, Problem, StopCriteria, largest_batch, simulate, whole_arm_policy
 from ..world import SelfDistances, World, panda_self_pairs, panda_spheres
 from ._distribution import shared_out
-from ._ends import End, Ends, classify_ends
+from ._ends import End, Ends, classify_ends, where
 from ._stability import CertificateWatch
 
 
@@ -106,7 +106,7 @@ def evaluate(
         return {"outcomes": outcomes, "residual": watch.residual, "growth": watch.growth}
 
     found = shared_out(work, starts)
-    at_start = classify_ends(problem, None, found["outcomes"]._replace(q=starts))
+    at_start = where(problem, starts)
     return Evaluation(
         starts=starts,
         outcomes=found["outcomes"],
@@ -149,7 +149,7 @@ def replay(engine: Engine, problem: Problem, limits: Node | None, start: np.ndar
     padded = np.repeat(np.asarray(start, np.float32)[None], batch, axis=0)
     outcomes = simulate(engine, padded, batch=batch, watch=keep).take(np.arange(1))
     ends = classify_ends(problem, limits, outcomes)
-    at_start = classify_ends(problem, None, outcomes._replace(q=padded[:1]))
+    at_start = where(problem, padded[:1])
     steps, q, qd = (np.array(column) for column in zip(*states, strict=True))
     evaluation = Evaluation(
         padded[:1],

@@ -54,20 +54,21 @@ class KinematicEngine:
 
     def advance(self, state: KinematicState) -> KinematicState:
         """`chunk` steps of all that have not ended."""
-        state = _advance(self._problem, self.devices.split(state), **self._settings())
+        state = _advance(self._problem, self.devices.split(state), self.criteria, self.dt, **self._settings())
         return jax.tree.map(np.asarray, state)
 
     def bytes_needed(self, batch: int) -> int:
         """Memory that one call with `batch` starts takes on each device, beside the problem's own."""
         split = self.devices.split(self.begin(np.zeros((batch, self._problem.lower.shape[0]))))
-        needed = _advance.lower(self._problem, split, **self._settings()).compile().memory_analysis()
+        lowered = _advance.lower(self._problem, split, self.criteria, self.dt, **self._settings())
+        needed = lowered.compile().memory_analysis()
         return 0 if needed is None else needed.temp_size_in_bytes + needed.output_size_in_bytes
 
     def _settings(self):
-        return {"criteria": self.criteria, "dt": self.dt, "chunk": self.chunk, "every": self.every}
+        return {"chunk": self.chunk, "every": self.every}
 
 
-@partial(jax.jit, static_argnames=("criteria", "dt", "chunk", "every"))
+@partial(jax.jit, static_argnames=("chunk", "every"))
 def _advance(problem: Problem, state: KinematicState, criteria: StopCriteria, dt: float, chunk: int, every: int):
     def step(state: KinematicState, _):
         q, rest, qd, track = state

@@ -41,8 +41,6 @@ class MujocoEngine:
         self._problem = self.devices.copied(problem)
         self._data: list[Any] = []
         self._kind = self._mujoco.mjtState.mjSTATE_INTEGRATION
-        self._policy = jax.jit(self._judge_and_command)
-        self._clearance = jax.jit(jax.vmap(lambda problem, q: problem.clearance(q), in_axes=(None, 0)))
 
     def begin(self, q: np.ndarray) -> MujocoState:
         """States at rest at `q` [B, n]."""
@@ -65,7 +63,7 @@ class MujocoEngine:
         track = jax.tree.map(np.array, state.track)
         wanted, torque = np.zeros(model.nv), np.zeros(model.nv)
         for step in range(self.chunk):
-            qdd, seen = self._policy(self._problem, track, q, qd)
+            qdd, seen = _judge_and_command(self._problem, self.criteria, self.dt, track, q, qd)
             track = jax.tree.map(np.array, seen)
             running = np.flatnonzero(track.status == Status.RUNNING)
             qdd = within_velocity_limits(np.asarray(qdd, float), qd, arm.velocity_limit)
@@ -81,7 +79,7 @@ class MujocoEngine:
                 mujoco.mj_step2(model, data)
                 q[i], qd[i] = data.qpos[arm.positions], data.qvel[arm.velocities]
             if step % self.every == self.every - 1:
-                track = track._replace(clearance=np.fmin(track.clearance, self._clearance(self._problem, q)))
+                track = track._replace(clearance=np.fmin(track.clearance, _clearances(self._problem, q)))
         for data, row in zip(self._data, full, strict=False):
             mujoco.mj_getState(model, data, row, self._kind)
         return MujocoState(q, qd, full, track)
@@ -95,9 +93,16 @@ class MujocoEngine:
             self._data.append(self.arm.data())
         return self._data[0]
 
-    def _judge_and_command(self, problem: Problem, track: Track, q: jax.Array, qd: jax.Array):
-        def one(track, q, qd):
-            track = judge(problem, self.criteria, self.dt, track, q, qd, problem.tree.energy(q, qd))
-            return acceleration(problem.tree, q, qd), track
 
-        return jax.vmap(one)(track, jnp.asarray(q), jnp.asarray(qd))
+@jax.jit
+def _judge_and_command(problem: Problem, criteria: StopCriteria, dt: float, track: Track, q: jax.Array, qd: jax.Array):
+    def one(track, q, qd):
+        track = judge(problem, criteria, dt, track, q, qd, problem.tree.energy(q, qd))
+        return acceleration(problem.tree, q, qd), track
+
+    return jax.vmap(one)(track, jnp.asarray(q), jnp.asarray(qd))
+
+
+@jax.jit
+def _clearances(problem: Problem, q: jax.Array) -> jax.Array:
+    return jax.vmap(problem.clearance)(jnp.asarray(q))

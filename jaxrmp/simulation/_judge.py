@@ -25,7 +25,7 @@ class Status(enum.IntEnum):
     TIMED_OUT = 4
 
 
-@dataclasses.dataclass(frozen=True)
+@pytree
 class StopCriteria:
     """When a rollout ends.
 
@@ -120,7 +120,7 @@ def judge(
     margin = jnp.min(jnp.minimum(q - problem.lower, problem.upper - q))
     still = jnp.where(speed < criteria.rest, track.still + 1, 0)
     finite = jnp.isfinite(energy) & jnp.all(jnp.isfinite(q)) & (speed < criteria.top_speed)
-    status = jnp.where(track.steps >= round(criteria.duration / dt), Status.TIMED_OUT, Status.RUNNING)
+    status = jnp.where(track.steps >= jnp.round(criteria.duration / dt), Status.TIMED_OUT, Status.RUNNING)
     status = jnp.where(still * dt >= criteria.rest_seconds, Status.RESTING, status)
     there = (problem.goal_error(q) < criteria.tolerance) & (speed < criteria.settled) & (track.steps > 0)
     status = jnp.where(there, Status.CONVERGED, status)

@@ -26,7 +26,7 @@ from jaxrmp.leaves import Damping, JointLimit, Learned, NominalPotential
 from jaxrmp.scenes import scene
 
 HOME = np.array([0.0, -0.3, 0.0, -1.9, 0.0, 1.7, 0.8], np.float32)
-FAST = ["--dt", "0.01", "--batch", "8", "--duration", "8", "--seed", "4"]
+FAST = ["--dt", "0.002", "--batch", "16", "--duration", "20", "--seed", "4"]
 
 
 @pytest.fixture(scope="module")
@@ -62,7 +62,7 @@ def skill_file(tmp_path_factory):
 def report(skill_file, tmp_path_factory):
     out = tmp_path_factory.mktemp("report") / "report.json"
     ends = out.with_suffix(".npz")
-    command = ["evaluate", skill_file, "--starts", "12", *FAST, "--dt", "0.001", "--duration", "20", "--json", str(out)]
+    command = ["evaluate", skill_file, "--starts", "12", *FAST, "--json", str(out)]
     assert main([*command, "--save", str(ends)]) == 0
     with np.load(ends) as saved:
         return json.loads(out.read_text()), out.with_suffix(".html").read_text(), dict(saved)
