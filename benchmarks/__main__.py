@@ -7,7 +7,7 @@ import platform
 from importlib.metadata import version
 from pathlib import Path
 
-from . import latency, learning, physics, reproduction, scenes, tracker
+from . import latency, learning, physics, reproduction, scenes, tracker, viewer
 
 BENCHMARKS = {
     "latency": latency.rows,
@@ -16,6 +16,7 @@ BENCHMARKS = {
     "scenes": scenes.rows,
     "physics": physics.rows,
     "tracker": tracker.rows,
+    "viewer": viewer.rows,
 }
 
 

@@ -39,6 +39,8 @@ class ArmView:
                 shape.faces,
                 color=tinted.get(name, tuple(round(255 * v) for v in shape.rgba[:3])),
                 flat_shading=shape.flat,
+                cast_shadow=False,
+                receive_shadow=False,
             )
         self._spheres = (
             [_sphere_node(scene, name, spheres) for name in dict.fromkeys(spheres.frames)] if spheres else []

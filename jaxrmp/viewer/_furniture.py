@@ -35,6 +35,8 @@ class FurnitureView:
                 color=tuple(round(255 * v) for v in shape.rgba[:3]),
                 flat_shading=True,
                 side="double",
+                cast_shadow=False,
+                receive_shadow=False,
                 position=self._data.xpos[shape.body],
                 wxyz=self._data.xquat[shape.body],
             )

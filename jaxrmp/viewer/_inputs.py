@@ -87,6 +87,10 @@ class GainSliders:
             self._last, self._current = values, policy
         return self._current
 
+    def slider(self, path: str) -> Any:
+        """The slider of a gain, given its dotted path."""
+        return self._sliders[path][0]
+
     def reset(self) -> None:
         """All sliders as they were at the start."""
         for slider, value in self._sliders.values():
@@ -98,11 +102,11 @@ class LeafSwitches:
 
     def __init__(self, server: Any, names: tuple[str, ...], labels: tuple[str, ...]):
         self.names = names
-        self._boxes = [server.gui.add_checkbox(label, True) for label in labels]
+        self.boxes = [server.gui.add_checkbox(label, True) for label in labels]
 
     def read(self) -> np.ndarray:
         """One or zero for each leaf, [S]."""
-        return np.array([float(box.value) for box in self._boxes], np.float32)
+        return np.array([float(box.value) for box in self.boxes], np.float32)
 
 
 def _reach(value: Any, path: str) -> Any:

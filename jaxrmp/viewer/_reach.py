@@ -99,8 +99,8 @@ def reach_policy(
     policy = ReachPolicy(
         robot=robot,
         spheres=spheres,
-        reach=Attractor(np.zeros(3), 5.0, 5.0, gain=6.0, sharpness=20.0, damping_rate=10.0, name="reach"),
-        turn=OrientationAttractor(np.eye(3), 0.2, stiffness=50.0, damping_rate=12.0, name="turn"),
+        reach=Attractor(np.zeros(3), 5.0, 5.0, gain=10.0, sharpness=15.0, damping_rate=24.0, name="reach"),
+        turn=OrientationAttractor(np.eye(3), 0.2, stiffness=50.0, damping_rate=14.0, name="turn"),
         avoidance=CollisionAvoidance(reach=0.06, name="obstacles", **walls),
         itself=CollisionAvoidance(reach=0.05, name="itself", **walls),
         limit=_joint_limit(lower, upper, limited) if limited else None,

@@ -25,7 +25,8 @@ from ._reach import single
 from ._server import open_server
 from ._switched import switches
 
-_LOOKS = 0.1  # seconds from one look at the leaves to the next
+_LOOKS = 0.25  # seconds from one look at the leaves to the next
+_FAR = 0.5  # m, beyond which a distance is no news
 _AVOIDING = ("obstacles", "collision_avoidance")  # the names of leaves that keep off obstacles
 
 
@@ -53,6 +54,8 @@ class Content(NamedTuple):
 class Session:
     """A viser page and the policy that it shows, both running from `start` to `stop`.
 
+    `drawn` counts the frames that the page was told of.
+
     **Arguments**: `content`; `port`, on 127.0.0.1, 0 for any that is free; `label`, the page's; `folder`, the name of
     a folder above the tabs, to be filled by who asks for it.
     **Raises** `ConfigurationError` for a port that cannot be had, `MissingDependencyError` without viser.
@@ -61,6 +64,7 @@ class Session:
     def __init__(self, content: Content, port: int, label: str, folder: str = ""):
         self.content = content
         self.server = server = open_server(port, label)
+        self.drawn = 0
         self._end = threading.Event()
         self._failure: BaseException | None = None
         try:
@@ -72,11 +76,12 @@ class Session:
     def _build(self, server: Any, folder: str) -> None:
         content = self.content
         server.gui.configure_theme(control_width="medium", show_logo=False, show_share_button=False)
+        server.scene.configure_default_lights(cast_shadow=False)  # without a graphics card, five times the pictures
         server.scene.add_grid("/floor", width=4.0, height=4.0, cell_size=0.1, section_size=0.5, plane="xy")
         server.scene.world_axes.visible = False
         server.scene.set_up_direction("+z")
-        server.initial_camera.position = (1.6, -1.5, 1.2)
-        server.initial_camera.look_at = (0.25, -0.1, 0.4)
+        server.initial_camera.position = (1.35, -1.15, 0.95)
+        server.initial_camera.look_at = (0.25, 0.0, 0.35)
         policy = single(content.policy)
         names = switches(policy.tree(content.T_world_target, single(_with_slots(content))))
         self.leaf_labels = content.labels if len(content.labels) == len(names) else names
@@ -232,6 +237,7 @@ class Session:
                 self.draw(frame)
             now = time.monotonic()
             drawn.append(now)
+            self.drawn += 1
             while now - drawn[0] > 1.0:
                 drawn.popleft()
             if now - told > 0.25:
@@ -285,14 +291,16 @@ class Session:
         for name in self._distances:
             if name == "to furniture":
                 T = np.asarray(frame.situation.T_world_target, float)
-                distances.append(self.furniture.clearance(frame.q, T) if self.furniture else np.nan)
+                distances.append(self.furniture.clearance(frame.q, T) if self.furniture else _FAR)
             else:
                 leaf = "itself" if name == "to itself" else None
                 found_gaps = [gap for key, gap in gaps.items() if key == leaf or (leaf is None and key in _AVOIDING)]
-                nearest = min(found_gaps, default=np.inf)
-                distances.append(nearest if nearest < 10 else np.nan)
+                distances.append(min(found_gaps, default=_FAR))
         watched = frame.watched
-        self.plots.add(frame.time, (watched.energy, watched.allowed), np.array(list(shares.values())), distances)
+        energies = (watched.energy, watched.allowed)
+        if np.isfinite(energies).all():
+            near = [min(distance, _FAR) for distance in distances]
+            self.plots.add(frame.time, energies, np.array(list(shares.values())), near)
         void = [name for name, sure in zip(found.names, found.certified, strict=True) if not sure]
         state = "certified: V may only fall" if not void else f"not certified: {', '.join(dict.fromkeys(void))}"
         rises = f"V rose in {watched.violations} frames" if watched.violations else "V has not risen by itself"

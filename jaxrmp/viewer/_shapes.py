@@ -76,7 +76,7 @@ def _triangles(model: Any, g: int) -> tuple[np.ndarray, np.ndarray, bool] | None
         )
         return vertices.astype(float), faces, False
     if kind == kinds.mjGEOM_CAPSULE:
-        solid = creation.capsule(radius=a, height=2 * b, count=(24, 24))
+        solid = creation.capsule(radius=a, height=2 * b, count=(16, 16))
         solid.vertices[:, 2] -= solid.bounds[:, 2].mean()  # whichever end trimesh starts from
     elif kind == kinds.mjGEOM_BOX:
         solid = creation.box(extents=(2 * a, 2 * b, 2 * c))

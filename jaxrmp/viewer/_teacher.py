@@ -50,8 +50,8 @@ class Teacher(Session):
     def _build(self, server: Any, folder: str) -> None:
         super()._build(server, folder)
         gui = server.gui
-        self._frame_gizmo = server.scene.add_transform_controls("/target_frame", scale=0.16, visible=False)
-        place(self._frame_gizmo, self.content.T_world_target)
+        self.target_frame = server.scene.add_transform_controls("/target_frame", scale=0.16, visible=False)
+        place(self.target_frame, self.content.T_world_target)
         server.scene.add_frame("/target_frame/axes", axes_length=0.08, axes_radius=0.004)
         assert self.folder is not None
         with self.folder:
@@ -122,7 +122,7 @@ class Teacher(Session):
 
     def draw(self, frame: Frame) -> None:
         super().draw(frame)
-        self._frame_gizmo.visible = bool(self.targeted.value)
+        self.target_frame.visible = bool(self.targeted.value)
         if self.loop.replaying:
             self._bring_controls_to_the_arm(frame)
 
@@ -149,7 +149,7 @@ class Teacher(Session):
     def _toggle_recording(self) -> None:
         if not self.recorder.recording:
             self.loop.replay(None)
-            self.recorder.begin(pose_of(self._frame_gizmo) if self.targeted.value else None)
+            self.recorder.begin(pose_of(self.target_frame) if self.targeted.value else None)
             self.record.label, self.record.icon = "Stop", "player-stop"
             self.tell("Recording ...")
             return
@@ -175,7 +175,7 @@ class Teacher(Session):
 
     def _mark(self) -> None:
         self.targeted.value = True
-        place(self._frame_gizmo, self.pose(self.loop.frame, self.content.hand))
+        place(self.target_frame, self.pose(self.loop.frame, self.content.hand))
         self.tell("The target frame is at the hand; its gizmo moves it.")
 
     def _save(self) -> None:
