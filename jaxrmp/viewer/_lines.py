@@ -10,7 +10,8 @@ from ..learning import resample_by_arc_length
 
 DEMONSTRATED, REPRODUCED, TRACE, TARGET = (0, 114, 178), (213, 94, 0), (0, 158, 115), (230, 159, 0)
 _INSTANTS = 7
-_TRACE_POINTS = 150
+_LINE_POINTS = 50  # of a path: more cost a page without a graphics card dearly, and show no more
+_TRACE_POINTS = 100
 
 
 def segments(path: np.ndarray) -> np.ndarray:
@@ -35,7 +36,8 @@ class PathLines:
     """Paths of control points below the node of a frame, N arrays [T, K, 3], with their triangles."""
 
     def __init__(self, server: Any, name: str, paths: Sequence[np.ndarray], color: tuple[int, int, int], width: float):
-        lines = [segments(path[:, k]) for path in paths for k in range(path.shape[1])]
+        thinned = [resample_by_arc_length(path, min(_LINE_POINTS, len(path))) for path in paths]
+        lines = [segments(path[:, k]) for path in thinned for k in range(path.shape[1])]
         shapes = [triangle_segments(path) for path in paths]
         self._lines = _add(server, f"{name}/lines", np.concatenate(lines), color, width)
         self._triangles = _add(server, f"{name}/triangles", np.concatenate(shapes), color, 0.6 * width)

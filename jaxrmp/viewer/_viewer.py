@@ -85,8 +85,7 @@ class Viewer(Session):
                 return
             self.notify("Rolling the skill out from each demonstration's start ...")
             found = reproduce(self.skill, self.content.policy.robot, self.prepared)
-            thinned = [path[:: max(1, len(path) // 200)] for path in found.points]
-            self._lines["reproductions"] = PathLines(self.server, "/lines/reproductions", thinned, REPRODUCED, 1.5)
+            self._lines["reproductions"] = PathLines(self.server, "/lines/reproductions", found.points, REPRODUCED, 1.5)
             self.notify(f"Reproduced: mean DTW {found.mean['dtw_cm']:.2f} cm.")
 
     def draw(self, frame: Frame) -> None:

@@ -22,7 +22,7 @@ ARGUMENTS = [
     "--enable-unsafe-swiftshader",
 ]
 SMALL = {"width": 640, "height": 400}  # pictures are drawn in software: the fewer points, the more time for the test
-LARGE = {"width": 1300, "height": 850}
+LARGE = {"width": 1000, "height": 650}
 
 # viser's page hands what it sends to a worker that has the websocket. Kept here, so that a test can hand it the same.
 # And it draws twice a second at most: in software, on cores that other tests need, pictures are most of the time.
