@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 
 from ..kinematics._mujoco import import_mujoco
+from ..kinematics._quaternions import rotation_of_quaternion
 from ..scenes import Scene
 from ._poses import place, quaternions
 from ._shapes import shapes_of
@@ -61,3 +62,10 @@ class FurnitureView:
             if model.body(b).name == "object" or int(model.body_parentid[b]) in bodies:
                 bodies.add(b)
         return bodies
+
+
+def camera_of(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
+    """Where the scene's own camera stands, and a point that it looks at, both [3], m."""
+    camera = scene.model.camera("view")
+    eye = np.array(camera.pos, float)
+    return eye, eye - 1.6 * rotation_of_quaternion(camera.quat)[:, 2]

@@ -7,7 +7,7 @@ import numpy as np
 
 from ._push import Push
 
-_RATE = 8.0  # 1/s, of the spring on the hand's own weight
+_RATE = 12.0  # 1/s, of the spring on the hand's own weight
 _SECONDS, _REACH = 0.5, 0.15  # of a push by the button: how long, how far away the spring's other end is, m
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..world import RobotSpheres, Spheres, World
 from ._arm import ArmView
-from ._furniture import FurnitureView
+from ._furniture import FurnitureView, camera_of
 from ._inputs import GainSliders, LeafSwitches
 from ._lines import Trace
 from ._live import Motion, Situation, examine
@@ -80,8 +80,10 @@ class Session:
         server.scene.add_grid("/floor", width=4.0, height=4.0, cell_size=0.1, section_size=0.5, plane="xy")
         server.scene.world_axes.visible = False
         server.scene.set_up_direction("+z")
-        server.initial_camera.position = (1.35, -1.15, 0.95)
-        server.initial_camera.look_at = (0.25, 0.0, 0.35)
+        eye, looked_at = (1.35, -1.15, 0.95), (0.25, 0.0, 0.35)
+        if content.furniture is not None:
+            eye, looked_at = camera_of(content.furniture)
+        server.initial_camera.position, server.initial_camera.look_at = eye, looked_at
         policy = single(content.policy)
         names = switches(policy.tree(content.T_world_target, single(_with_slots(content))))
         self.leaf_labels = content.labels if len(content.labels) == len(names) else names

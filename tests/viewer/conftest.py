@@ -21,8 +21,7 @@ ARGUMENTS = [
     "--disable-sync",
     "--enable-unsafe-swiftshader",
 ]
-SMALL = {"width": 640, "height": 400}  # pictures are drawn in software: the fewer points, the more time for the test
-LARGE = {"width": 1000, "height": 650}
+SIZE = {"width": 1000, "height": 620}
 
 # viser's page hands what it sends to a worker that has the websocket. Kept here, so that a test can hand it the same.
 # And it draws twice a second at most: in software, on cores that other tests need, pictures are most of the time.
@@ -55,7 +54,7 @@ class Page:
     def __init__(self, browser: Any, url: str):
         self.errors: list[str] = []
         self.received: list[float] = []
-        self.page = browser.new_page(viewport=SMALL)
+        self.page = browser.new_page(viewport=SIZE)
         self.page.on("console", lambda message: self.errors.append(message.text) if message.type == "error" else None)
         self.page.on("pageerror", lambda error: self.errors.append(str(error)))
         self.page.on("websocket", lambda ws: ws.on("framereceived", lambda _: self.received.append(time.monotonic())))
@@ -100,11 +99,8 @@ class Page:
 
     def picture(self, path: Any) -> bytes:
         """A screenshot for people to look at."""
-        self.page.set_viewport_size(LARGE)
-        self.page.wait_for_timeout(1500)
-        taken = self.page.screenshot(path=str(path))
-        self.page.set_viewport_size(SMALL)
-        return taken
+        self.page.wait_for_timeout(1000)
+        return self.page.screenshot(path=str(path), timeout=120_000)
 
     def close(self) -> None:
         if not self.page.is_closed():
