@@ -59,8 +59,8 @@ class Page:
         self.page.on("pageerror", lambda error: self.errors.append(str(error)))
         self.page.on("websocket", lambda ws: ws.on("framereceived", lambda _: self.received.append(time.monotonic())))
         self.page.add_init_script(PREPARE)
-        self.page.goto(url)
-        self.page.get_by_text("updates/s").wait_for(timeout=60_000)
+        self.page.goto(url, timeout=120_000)
+        self.page.get_by_text("updates/s").wait_for(timeout=120_000)
 
     def click(self, name: str) -> None:
         """Press a button, whatever the page is drawing just now."""
@@ -118,15 +118,16 @@ def chromium():
         yield browser
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def page_of(chromium):
-    """Opens pages: `page_of(session)`; they are closed when the test ends."""
-    opened = []
+    """The page of a session, `page_of(session)`: opened once for the tests of one file."""
+    opened = {}
 
     def open_page(session) -> Page:
-        opened.append(Page(chromium, session.url))
-        return opened[-1]
+        if id(session) not in opened or opened[id(session)].page.is_closed():
+            opened[id(session)] = Page(chromium, session.url)
+        return opened[id(session)]
 
     yield open_page
-    for page in opened:
+    for page in opened.values():
         page.close()

@@ -69,7 +69,7 @@ def test_the_page_loads_the_arm_moves_and_follows_the_handle(viewer, page_of, tm
     page.picture(tmp_path / "view.png")
     assert len(page.received) > 20
     assert page.errors == []
-    page.drag("/target", viewer.content.T_world_target)
+    page.drag("/target", np.asarray(viewer.content.T_world_target))
 
 
 def test_a_push_moves_the_hand_and_the_certificate_stands(viewer, page_of):
@@ -149,7 +149,7 @@ def test_spheres_and_lines_are_shown_on_demand(viewer, page_of):
 def test_the_session_outlives_its_page_and_can_be_told_to_end_with_it(viewer, page_of):
     page = page_of(viewer)
     page.wait(lambda: len(viewer.server.get_clients()) == 1, "one page")
-    page.page.goto("about:blank")
+    page.close()
     viewer.wait(until_closed=True)
     assert viewer.loop.failure is None
 
