@@ -15,7 +15,7 @@ endif
 export JAX_COMPILATION_CACHE_DIR ?= $(abspath .jax_cache)
 export JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS ?= 0
 
-.PHONY: demo test osmesa check format bench clean
+.PHONY: demo test osmesa chromium check format bench clean
 
 demo: $(VENV)/.installed-demo osmesa
 	$(BIN)/jaxrmp learn configs/drawer_closing.toml --out out/drawer_closing
@@ -26,7 +26,7 @@ demo: $(VENV)/.installed-demo osmesa
 	else $(BIN)/jaxrmp run $(DEMO) --video out/drawer_closing/drawer.mp4 --figures out/drawer_closing/figures; fi
 	@echo "The drawer is closed. Skill, reports, video and pictures are in out/drawer_closing."
 
-test: $(VENV)/.installed-dev osmesa
+test: $(VENV)/.installed-dev osmesa chromium
 	$(BIN)/python -m pytest -n auto --dist loadfile
 
 # What MuJoCo needs to draw without a display, where we may install it.
@@ -34,6 +34,12 @@ osmesa:
 	@if [ "$$(uname)" = Linux ] && [ -z "$$DISPLAY$$MUJOCO_GL" ] && ! ldconfig -p | grep -q libOSMesa && \
 			[ "$$(id -u)" = 0 ] && command -v apt-get > /dev/null; then \
 		{ apt-get update -qq && apt-get install -y -qq --no-install-recommends libosmesa6; } > /dev/null || true; fi
+
+# The browser that the tests of the viewer drive, where we may install it.
+chromium:
+	@if [ "$$(uname)" = Linux ] && ! command -v chromium > /dev/null && \
+			[ "$$(id -u)" = 0 ] && command -v apt-get > /dev/null; then \
+		{ apt-get update -qq && apt-get install -y -qq --no-install-recommends chromium; } > /dev/null || true; fi
 
 check: $(VENV)/.installed-dev
 	$(BIN)/ruff format --check .
@@ -62,6 +68,7 @@ bench: $(VENV)/.installed-dev
 	$(BIN)/python -m benchmarks learning
 	$(BIN)/python -m benchmarks reproduction
 	$(BIN)/python -m benchmarks physics
+	$(BIN)/python -m benchmarks viewer
 
 clean:
 	rm -rf $(VENV) .jax_cache out dist .pytest_cache .ruff_cache

@@ -7,7 +7,7 @@ import platform
 from importlib.metadata import version
 from pathlib import Path
 
-from . import evaluation, latency, learning, physics, reproduction, scenes, tracker
+from . import evaluation, latency, learning, physics, reproduction, scenes, tracker, viewer
 
 BENCHMARKS = {
     "latency": latency.rows,
@@ -17,6 +17,7 @@ BENCHMARKS = {
     "physics": physics.rows,
     "evaluation": evaluation.rows,
     "tracker": tracker.rows,
+    "viewer": viewer.rows,
 }
 
 

@@ -196,7 +196,7 @@ def test_wrong_usage_exits_with_two(capsys):
 
 def test_help_fits_a_screen_and_every_command_has_an_example(capsys):
     assert len(build_parser().format_help().splitlines()) <= 24
-    for command in ("learn", "reproduce", "run", "demonstrate"):
+    for command in ("learn", "reproduce", "run", "demonstrate", "view", "teach"):
         with pytest.raises(SystemExit):
             main([command, "--help"])
         assert f"example: jaxrmp {command}" in capsys.readouterr().out
