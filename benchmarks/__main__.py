@@ -11,16 +11,16 @@ from . import _bars
 from ._children import stay_on_one_core
 from ._report import FOLDER, table, write_json
 
-ONE_CORE = ("latency", "control_loop", "throughput", "kinematics", "compilation", "peers", "roofline")
 ALL_CORES = ("learning", "rollouts")
+ONE_CORE = tuple(name for name in _bars.NAMES if name not in ALL_CORES)
 LONG = ("reproduction", "scenes", "physics", "tracker")  # what policies achieve, rather than how fast
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description="Measure jaxrmp on this machine.")
-    parser.add_argument("name", choices=[*ONE_CORE, *ALL_CORES, *LONG, "all", "bars", "tables"])
+    parser.add_argument("name", choices=[*_bars.NAMES, *LONG, "all", "bars", "tables"])
     parser.add_argument("--json", type=Path, metavar="FILE", help="where to, by default out/benchmarks/NAME.json")
-    parser.add_argument("--quick", action="store_true", help="hardly any repetitions: to see that it runs")
+    parser.add_argument("--quick", action="store_true", help="hardly any repetitions, to see that it runs")
     parser.add_argument("--folder", type=Path, default=FOLDER, help="of `all`, `bars` and `tables`: where the JSON is")
     arguments = parser.parse_args()
     if arguments.name == "all":
@@ -28,14 +28,14 @@ def main() -> int:
     if arguments.name in ("bars", "tables"):
         print(_bars.report(arguments.folder) if arguments.name == "bars" else _bars.tables(arguments.folder))
         return 0
+    if arguments.name in ONE_CORE:
+        stay_on_one_core()
     run(arguments.name, arguments.json or arguments.folder / f"{arguments.name}.json", arguments.quick)
     return 0
 
 
 def run(name: str, file: Path, quick: bool) -> None:
     """One benchmark, its table printed, its JSON in `file` and its plot beside that."""
-    if name in ONE_CORE:
-        stay_on_one_core()
     start = time.perf_counter()
     module = importlib.import_module(f"benchmarks.{name}")
     rows = module.rows() if name in LONG else module.rows(quick)
@@ -49,7 +49,7 @@ def run(name: str, file: Path, quick: bool) -> None:
 
 def _all(folder: Path, quick: bool) -> int:
     failed = []
-    for name in (*ONE_CORE, *ALL_CORES):
+    for name in _bars.NAMES:
         print(f"\n{name}", flush=True)
         command = [sys.executable, "-m", "benchmarks", name, "--json", str(folder / f"{name}.json")]
         if subprocess.run([*command, *(["--quick"] if quick else [])], check=False).returncode:

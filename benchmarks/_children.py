@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+from pathlib import Path
 from typing import Any
 
 _SCRIPT = """
@@ -17,16 +18,22 @@ print("\\n" + json.dumps(found))
 """
 
 
-def in_child(where: str, *arguments: Any, cores: set[int] | None = None, **environment: str) -> Any:
+def in_child(where: str, *arguments: Any, cores: set[int] | None = None, **variables: str) -> Any:
     """What `module:function` of `arguments` returns, both as JSON, in a fresh process with these variables set too.
 
     **Raises** `RuntimeError` with what the child printed, if it fails.
     """
     command = [sys.executable, "-c", _SCRIPT, json.dumps([where, sorted(cores or ()), arguments])]
-    run = subprocess.run(command, env={**os.environ, **environment}, capture_output=True, text=True, check=False)
+    run = subprocess.run(command, env=environment_of(**variables), capture_output=True, text=True, check=False)
     if run.returncode:
         raise RuntimeError(f"{where}{arguments} failed in a child process:\n{run.stderr[-3000:]}")
     return json.loads(run.stdout.splitlines()[-1])
+
+
+def environment_of(**variables: str) -> dict[str, str]:
+    """This process's environment, with the benchmarks themselves on the path and these variables set too."""
+    path = os.pathsep.join(filter(None, (str(Path(__file__).parent.parent), os.environ.get("PYTHONPATH"))))
+    return {**os.environ, "PYTHONPATH": path, **variables}
 
 
 def stay_on_one_core() -> None:

@@ -32,18 +32,19 @@ OBSTACLES = [
 
 
 def policies(quick: bool) -> dict[str, tuple[Any, Callable]]:
-    """All of them that can be had here; `lula_franka` needs NVIDIA's files in `$JAXRMP_DATA/lula`."""
-    found = {"panda_24_pairs": panda_24_pairs(), "learned_drawer": learned_drawer(quick)}
+    """All that can be had here, or the first if `quick`; `lula_franka` needs NVIDIA's files in `$JAXRMP_DATA/lula`."""
+    found = {"panda_24_pairs": panda_24_pairs()}
+    if quick:
+        return found
+    found["learned_drawer"] = learned_drawer()
     if lula_folder().is_dir():
         found["lula_franka"] = lula_franka()
     return found
 
 
-def policy(name: str, quick: bool) -> tuple[Any, Callable]:
+def policy(name: str) -> tuple[Any, Callable]:
     """One of them by its name."""
-    if name == "learned_drawer":
-        return learned_drawer(quick)
-    return {"panda_24_pairs": panda_24_pairs, "lula_franka": lula_franka}[name]()
+    return {"panda_24_pairs": panda_24_pairs, "learned_drawer": learned_drawer, "lula_franka": lula_franka}[name]()
 
 
 def panda_24_pairs() -> tuple[Any, Callable]:
@@ -61,7 +62,7 @@ def among_spheres(robot: Robot, hand: str, frames: tuple[str, ...], radii: Any, 
     return tree + JointLimit(robot.lower, robot.upper) + Damping()
 
 
-def learned_drawer(quick: bool) -> tuple[Any, Callable]:
+def learned_drawer(quick: bool = False) -> tuple[Any, Callable]:
     """The skill of `configs/drawer_closing.toml`: three learned leaves, joint damping and joint limits."""
     skill = load_skill(skill_file("drawer_closing", quick=quick))
     return as_arrays(skill.tree(robot_of(skill.configuration))), acceleration

@@ -9,6 +9,8 @@ from jaxrmp.learning import Configuration, Learning, learn, load_configuration, 
 
 from ._report import FOLDER
 
+CONFIGS = Path(__file__).parent.parent / "configs"
+
 
 def skill_file(task: str, source: str | None = None, quick: bool = False) -> Path:
     """The skill of `configs/TASK.toml` with the committed settings, or of hardly any training if `quick`.
@@ -37,7 +39,7 @@ def demonstrations(task: str, source: str):
 
 def configuration(task: str, quick: bool = False) -> Configuration:
     """The committed configuration of a task, cut down if `quick`."""
-    settings = load_configuration(f"configs/{task}.toml")
+    settings = load_configuration(CONFIGS / f"{task}.toml")
     if not quick:
         return settings
     potential = replace(settings.potential, widths=(0.04,), basin_starts=50)

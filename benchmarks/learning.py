@@ -26,14 +26,11 @@ def rows(quick: bool = False) -> list[dict[str, Any]]:
     """
     found = _training.rows(quick) if _has_torch() else []
     found += steps(quick)
-    tasks = ("drawer_closing",) if quick else ("drawer_closing", "door_reaching")
-    for task in tasks:
+    for task in () if quick else ("drawer_closing", "door_reaching"):
         with tempfile.TemporaryDirectory() as folder:
             cache = {"JAX_COMPILATION_CACHE_DIR": folder, "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0"}
-            for state in ("cold",) if quick else ("cold", "warm"):
-                found.append(
-                    {"name": f"{task}, {state} cache", **in_child("benchmarks.learning:whole", task, quick, **cache)}
-                )
+            for state in ("cold", "warm"):
+                found.append({"name": f"{task}, {state} cache", **in_child("benchmarks.learning:whole", task, **cache)})
     return found
 
 
@@ -57,17 +54,17 @@ def steps(quick: bool) -> list[dict[str, Any]]:
     return [{"name": name, "step_s": _seconds(call, 1 if quick else 7)} for name, call in calls.items()]
 
 
-def whole(task: str, quick: bool) -> dict[str, Any]:
+def whole(task: str) -> dict[str, Any]:
     """Learn and save a skill, in a process that has done nothing else: seconds of all and of the slow steps."""
     with tempfile.TemporaryDirectory() as folder:
-        learning = learned(task, source_here(quick), quick)
+        learning = learned(task, source_here())
         save_skill(learning.skill, Path(folder) / "skill.npz")
     since_start = time.clock_gettime(time.CLOCK_BOOTTIME) - _start_of_process()
     return {
         "total_s": since_start,
         "loop_s": learning.seconds["metric_loop"],
         "potentials_s": learning.seconds["potentials"],
-        "source": source_here(quick),
+        "source": source_here(),
     }
 
 

@@ -30,20 +30,16 @@ def rows(quick: bool = False) -> list[dict[str, Any]]:
     Then one row a family: with which power of the size the cost grows, from the second size on.
     """
     found = []
-    for name, (tree, evaluate) in {"panda_24_pairs": panda_24_pairs(), "learned_drawer": learned_drawer(quick)}.items():
+    trees = {"panda_24_pairs": panda_24_pairs()} | ({} if quick else {"learned_drawer": learned_drawer()})
+    for name, (tree, evaluate) in trees.items():
         family = f"batch, {name}"
         taken = _family({B: (tree, evaluate, B, 7) for B in (BATCHES[:3] if quick else BATCHES)}, quick)
         found += [_row(family, B, us / B, "us_per_evaluation") for B, us in taken.items()]
         found.append(_growth(family, {B: us for B, us in taken.items() if B >= 256 or quick}))
-    for family, make, sizes in (
-        ("leaves, one node each", separate_leaves, SEPARATE),
-        ("leaves, batched", batched_leaves, LEAVES),
-        ("obstacles", obstacles, OBSTACLES),
-        ("degrees of freedom", degrees_of_freedom, JOINTS),
-    ):
+    for family, make, sizes in FAMILIES[1:2] if quick else FAMILIES:
         trees = {size: as_arrays(make(size)) for size in (sizes[:2] if quick else sizes)}
         joints = {size: size if make is degrees_of_freedom else 7 for size in trees}
-        for batch, column in ((SCALING_BATCH, "us_per_evaluation"), (1, "call_us")):
+        for batch, column in ((SCALING_BATCH, "us_per_evaluation"), (1, "call_us"))[: 1 if quick else 2]:
             taken = _family({s: (tree, acceleration, batch, joints[s]) for s, tree in trees.items()}, quick)
             kind = "batch of 256" if batch > 1 else "single call"
             found += [_row(f"{family}, {kind}", s, us / batch, column) for s, us in taken.items()]
@@ -90,6 +86,14 @@ def degrees_of_freedom(joints: int) -> Node:
     """A serial arm of that many joints with a goal, its limits, and six spheres against four obstacles."""
     links = tuple(f"link{round(i * joints / 6)}" for i in range(1, 7))
     return among_spheres(serial_arm(joints), links[-1], links, [0.05] * 6, _spheres(4))
+
+
+FAMILIES = (
+    ("leaves, batched", batched_leaves, LEAVES),
+    ("obstacles", obstacles, OBSTACLES),
+    ("degrees of freedom", degrees_of_freedom, JOINTS),
+    ("leaves, one node each", separate_leaves, SEPARATE),
+)
 
 
 def _spheres(count: int) -> Spheres:
