@@ -22,11 +22,16 @@ def main() -> int:
     parser.add_argument("--json", type=Path, metavar="FILE", help="where to, by default out/benchmarks/NAME.json")
     parser.add_argument("--quick", action="store_true", help="hardly any repetitions, to see that it runs")
     parser.add_argument("--folder", type=Path, default=FOLDER, help="of `all`, `bars` and `tables`: where the JSON is")
+    parser.add_argument("documents", nargs="*", type=Path, metavar="FILE", help="for `tables`: markdown to fill in")
     arguments = parser.parse_args()
     if arguments.name == "all":
         return _all(arguments.folder, arguments.quick)
-    if arguments.name in ("bars", "tables"):
-        print(_bars.report(arguments.folder) if arguments.name == "bars" else _bars.tables(arguments.folder))
+    if arguments.name == "bars":
+        print(_bars.report(arguments.folder))
+        return 0
+    if arguments.name == "tables":
+        for document in arguments.documents:
+            document.write_text(_bars.fill(document.read_text(encoding="utf-8"), arguments.folder), encoding="utf-8")
         return 0
     if arguments.name in ONE_CORE:
         stay_on_one_core()

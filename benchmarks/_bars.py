@@ -1,6 +1,7 @@
 """The bars that the benchmarks are held to, from the JSON that they left: measured, wanted, and which are met."""
 
 import json
+import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -117,21 +118,35 @@ def report(folder: Path) -> str:
     return warning + table([_judged(bar, found) for bar in BARS])
 
 
-def tables(folder: Path) -> str:
-    """All tables as markdown, under the conditions that they were measured in: what docs/benchmarks.md shows."""
-    parts = ["## Bars", table([_judged(bar, read(folder)) for bar in BARS], markdown=True)]
-    for name in NAMES:
-        file = folder / f"{name}.json"
-        if file.exists():
-            content = json.loads(file.read_text())
-            load = content["load_average"]
-            parts.append(f"## {name}")
-            parts.append(
-                f"{content['date'][:16]}, {content['machine']}, load average {load[0] if load else 'unknown'}, "
-                f"{content['seconds']:.0f} s{', quick' if content['quick'] else ''}."
-            )
-            parts.append(table(_shown(content["rows"]), markdown=True))
-    return "\n\n".join(parts)
+def fill(text: str, folder: Path) -> str:
+    """Text in which what stands between `<!-- table: NAME -->` and `<!-- end -->` is that table, measured last.
+
+    NAME is `bars` or a benchmark. **Raises** `SystemExit` for a table that has not been measured, or only quickly.
+    """
+    return re.sub(
+        r"(<!-- table: (\w+) -->\n).*?(<!-- end -->)",
+        lambda match: f"{match[1]}{markdown(match[2], folder)}\n{match[3]}",
+        text,
+        flags=re.DOTALL,
+    )
+
+
+def markdown(name: str, folder: Path) -> str:
+    """One table as markdown, under the conditions that it was measured in."""
+    if name == "bars":
+        return table([_judged(bar, read(folder)) for bar in BARS], markdown=True)
+    file = folder / f"{name}.json"
+    if not file.exists():
+        raise SystemExit(f"{file} is not there: python -m benchmarks {name}")
+    content = json.loads(file.read_text())
+    if content["quick"]:
+        raise SystemExit(f"{file} is from a quick run, whose figures mean nothing: python -m benchmarks {name}")
+    load = content["load_average"]
+    conditions = (
+        f"{content['date'][:16]}, {content['machine']}, load average {load[0] if load else 'unknown'}, took "
+        f"{content['seconds']:.0f} s."
+    )
+    return f"{conditions}\n\n{table(_shown(content['rows']), markdown=True)}"
 
 
 def read(folder: Path) -> Found:

@@ -55,7 +55,7 @@ def compiled(name: str, batch: int) -> dict[str, float]:
     program = lowered.compile()
     jax.block_until_ready(program(*arguments))
     compile_s = time.perf_counter() - start
-    memory = program.memory_analysis()
+    memory: Any = program.memory_analysis()
     return {
         "compile_s": compile_s,
         "trace_s": trace_s,

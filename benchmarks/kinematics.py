@@ -94,7 +94,8 @@ def pytorch_kinematics(urdf: Path) -> dict[str, Calls]:
     chain = pk.build_serial_chain_from_urdf(urdf.read_bytes(), HAND)
 
     def fk(q):
-        return chain.forward_kinematics(torch.from_numpy(q)).get_matrix()[..., :3, :]
+        pose: Any = chain.forward_kinematics(torch.from_numpy(q))
+        return pose.get_matrix()[..., :3, :]
 
     def both(q):
         J, pose = chain.jacobian(torch.from_numpy(q), ret_eef_pose=True)
@@ -105,12 +106,11 @@ def pytorch_kinematics(urdf: Path) -> dict[str, Calls]:
 
 def mjx_rows(batch: int, quick: bool) -> dict[str, dict[str, Any]]:
     """MJX, in a process of its own; the same checks against ours."""
-    import mujoco
-
+    from jaxrmp.kinematics._mujoco import import_mujoco
     from jaxrmp.simulation._engine_mjx import import_mjx
 
     mjx = import_mjx()
-    spec = mujoco.MjSpec.from_file(str(PANDA_MODEL))
+    spec = import_mujoco().MjSpec.from_file(str(PANDA_MODEL))
     model = spec.compile()
     hand = model.body(HAND).id
     joints = np.array([model.joint(name).qposadr[0] for name in panda().joint_names])

@@ -10,6 +10,7 @@ import numpy as np
 
 from jaxrmp.cli._sources import robot_of
 from jaxrmp.evaluation import scene_problem
+from jaxrmp.kinematics._mujoco import import_mujoco
 from jaxrmp.learning import load_skill
 from jaxrmp.scenes import scene
 from jaxrmp.simulation import MjxEngine, MujocoEngine, StopCriteria, arm_in_scene
@@ -154,8 +155,7 @@ def _seconds(call: Callable[[], Any], least: float = 1.0) -> float:
 
 def _physics_state(arm: Any, full: np.ndarray, batch: int) -> np.ndarray:
     """Full physics states [B, m] of starts, as `mujoco.rollout` wants them, from the engine's."""
-    import mujoco
-
+    mujoco = import_mujoco()
     kind, wanted = mujoco.mjtState.mjSTATE_INTEGRATION, mujoco.mjtState.mjSTATE_FULLPHYSICS
     states = np.empty((batch, mujoco.mj_stateSize(arm.model, wanted)))
     data = arm.data()
