@@ -1,6 +1,7 @@
 """Pose and Jacobian of the Panda's hand by us and by the peers that are installed, in one run, checked to be equal."""
 
 import tempfile
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -69,7 +70,9 @@ def ours() -> Calls:
 def frax(urdf: Path) -> dict[str, Calls]:
     """frax, where it is installed."""
     try:
-        from frax.core.manipulator import Manipulator
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of settings that matter in float64 and on several cores
+            from frax.core.manipulator import Manipulator
     except ImportError:
         return {}
     robot = panda()

@@ -106,16 +106,21 @@ class Fabrics:
             stderr=subprocess.DEVNULL,
             text=True,
         )
-        while self._answer() != "ready":
-            pass
-        apart = self._ask("check")
-        if apart > AGREE:
-            raise RuntimeError(f"fabrics from Python and its exported C differ by {apart:.1e}.")
+        try:
+            while self._answer() != "ready":
+                pass
+            if (apart := self._ask("check")) > AGREE:
+                raise RuntimeError(f"fabrics from Python and its exported C differ by {apart:.1e}.")
+        except BaseException:
+            self.__exit__()
+            raise
         return self
 
     def __exit__(self, *_) -> None:
-        self._process.stdin.close()  # type: ignore[union-attr]
-        self._process.wait(timeout=10)
+        self._process.kill()
+        self._process.wait()
+        for stream in (self._process.stdin, self._process.stdout):
+            stream.close()  # type: ignore[union-attr]
         self._folder.cleanup()
 
     def calls(self, what: str, count: int) -> list[float]:

@@ -21,7 +21,7 @@ from ._policies import POSTURE
 from ._skills import skill_file
 from ._timing import alternately
 
-BATCHES, CHUNK, STAGE_BATCH = (1, 16, 64, 256, 1024), 50, 64
+BATCHES, CHUNK, STAGE_BATCH = (1, 64, 1024), 50, 64
 
 
 def rows(quick: bool = False) -> list[dict[str, Any]]:
@@ -31,7 +31,7 @@ def rows(quick: bool = False) -> list[dict[str, Any]]:
     policy a millisecond; `mujoco.rollout` steps on all cores with no policy. MJX runs in a child process, for the flag
     that it needs on a CPU. The rows of `stage` say what MJX's time goes into, each up to and without the one before.
     """
-    batches = BATCHES[:2] if quick else BATCHES
+    batches = (4,) if quick else BATCHES
     mjx = in_child("benchmarks.rollouts:mjx_rows", list(batches), quick, **fast_mjx_flags())
     return [*native_rows(batches, quick), *mjx]
 
@@ -92,7 +92,7 @@ def stages(engine: MjxEngine, problem: Any, batch: int, quick: bool) -> list[dic
         "integrate": lambda d: mjx.implicit(model, d),
     }
     programs: dict[str, Callable] = {}
-    for name in list(steps)[: 2 if quick else None]:
+    for name in list(steps)[: 1 if quick else None]:
         until = list(steps)[: list(steps).index(name) + 1]
 
         def run(state, until=until):

@@ -36,10 +36,10 @@ def rows(quick: bool = False) -> list[dict[str, Any]]:
         taken = _family({B: (tree, evaluate, B, 7) for B in (BATCHES[:3] if quick else BATCHES)}, quick)
         found += [_row(family, B, us / B, "us_per_evaluation") for B, us in taken.items()]
         found.append(_growth(family, {B: us for B, us in taken.items() if B >= 256 or quick}))
-    for family, make, sizes in FAMILIES[1:2] if quick else FAMILIES:
-        trees = {size: as_arrays(make(size)) for size in (sizes[:2] if quick else sizes)}
+    for family, make, sizes in () if quick else FAMILIES:
+        trees = {size: as_arrays(make(size)) for size in sizes}
         joints = {size: size if make is degrees_of_freedom else 7 for size in trees}
-        for batch, column in ((SCALING_BATCH, "us_per_evaluation"), (1, "call_us"))[: 1 if quick else 2]:
+        for batch, column in ((SCALING_BATCH, "us_per_evaluation"), (1, "call_us")):
             taken = _family({s: (tree, acceleration, batch, joints[s]) for s, tree in trees.items()}, quick)
             kind = "batch of 256" if batch > 1 else "single call"
             found += [_row(f"{family}, {kind}", s, us / batch, column) for s, us in taken.items()]
