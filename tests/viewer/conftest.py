@@ -62,9 +62,14 @@ class Page:
         self.page.goto(url, timeout=120_000)
         self.page.get_by_text("updates/s").wait_for(timeout=120_000)
 
-    def click(self, name: str) -> None:
-        """Press a button, whatever the page is drawing just now."""
-        self.page.get_by_role("button", name=name, exact=True).dispatch_event("click")
+    def click(self, name: str, done: Callable[[], Any]) -> None:
+        """Press a button until it is done: a press is lost if the page draws the button anew at that instant."""
+        button = self.page.get_by_role("button", name=name, exact=True)
+        for _ in range(3):
+            button.dispatch_event("click")
+            with contextlib.suppress(AssertionError):
+                return self.wait(done, f"{name} to be done", 10)
+        raise AssertionError(f"{name} was pressed three times, and nothing came of it")
 
     def send(self, kind: str, **content: Any) -> None:
         """Have the page send a message of a kind that its gizmos and controls send."""

@@ -63,44 +63,39 @@ def test_what_is_taught_in_the_browser_is_learned_and_reproduced(teacher, page_o
     page = page_of(teacher)
     page.send("GuiUpdateMessage", uuid=teacher.speed._impl.uuid, updates={"value": SPEED})
     home = teacher.content.T_world_target
-    page.click("Record")
-    page.click("Stop")
+    page.click("Record", lambda: teacher.recorder.recording)
+    page.click("Stop", lambda: not teacher.recorder.recording)
     page.page.get_by_text("is not kept").first.wait_for()
     for away, place in zip(AWAY, PLACE, strict=True):
         start, end = home.copy(), home.copy()
         start[:3, 3] += away
         end[:3, 3] += [0.15, -0.2, -0.25] + np.array(place)
         bring(page, teacher, end)
-        page.click("Mark target at the hand")
         at = end[:3, 3]
-        page.wait(lambda at=at: np.linalg.norm(teacher.target_frame.position - at) < 5e-3, "the mark")
+        page.click("Mark target at the hand", lambda at=at: np.linalg.norm(teacher.target_frame.position - at) < 5e-3)
         bring(page, teacher, start)
         before = len(teacher.recorder.recordings)
-        page.click("Record")
-        page.wait(lambda: teacher.recorder.recording, "recording to begin")
+        page.click("Record", lambda: teacher.recorder.recording)
         page.play("/target", curve(start, end))
         bring(page, teacher, end)
-        page.click("Stop")
-        page.wait(lambda n=before: len(teacher.recorder.recordings) == n + 1, "the recording")
+        page.click("Stop", lambda n=before: len(teacher.recorder.recordings) == n + 1)
     assert [np.linalg.norm(r.hand[-1] - r.T_world_target[:3, 3]) < 5e-3 for r in teacher.recorder.recordings] == [
         True
     ] * 6
 
-    page.click("Record")
-    page.wait(lambda: teacher.recorder.recording, "recording to begin")
+    page.click("Record", lambda: teacher.recorder.recording)
     bring(page, teacher, home)
-    page.click("Stop")
+    page.click("Stop", lambda: len(teacher.recorder.recordings) == 7)
     page.page.get_by_text("Demonstration 7:").wait_for()
-    page.click("Discard")
+    page.click("Discard", lambda: len(teacher.recorder.recordings) == 6)
     page.page.get_by_text("6 are left").wait_for()
 
     last = teacher.recorder.recordings[-1]
-    page.click("Replay")
-    page.wait(lambda: np.linalg.norm(hand_of(teacher)[:3, 3] - last.hand[0]) < 0.03, "the replay to begin")
+    page.click("Replay", lambda: np.linalg.norm(hand_of(teacher)[:3, 3] - last.hand[0]) < 0.03)
     page.wait(lambda: not teacher.loop.replaying, "the replay to end")
     assert np.linalg.norm(hand_of(teacher)[:3, 3] - last.hand[-1]) < 0.01
 
-    page.click("Save")
+    page.click("Save", lambda: "Saved 6" in teacher.told.content)
     page.page.get_by_text("Saved 6 demonstrations").wait_for()
     page.picture(tmp_path / "teach.png")
     assert page.errors == []

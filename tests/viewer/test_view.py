@@ -77,8 +77,7 @@ def test_a_push_moves_the_hand_and_the_certificate_stands(viewer, page_of):
     set_control(page, viewer.speed, 2.0)
     page.wait(lambda: missed(viewer) < 0.005, "the hand at the handle", 90)
     before, violations = hand(viewer), viewer.loop.frame.watched.violations
-    page.click("Push")
-    page.wait(lambda: np.linalg.norm(hand(viewer) - before) > 0.01, "the push to be felt")
+    page.click("Push", lambda: np.linalg.norm(hand(viewer) - before) > 0.01)
     page.wait(lambda: np.linalg.norm(hand(viewer) - before) < 0.005, "the hand to come back", 60)
     assert viewer.loop.frame.watched.violations == violations
     page.wait(lambda: "certified" in viewer.plots.certificate.content, "the plots")
@@ -122,16 +121,13 @@ def test_with_every_leaf_off_the_arm_stands_still_and_says_why(viewer, page_of):
     assert not viewer.loop.playing
     for box in viewer.switches.boxes:
         set_control(page, box, True)
-    page.click("Play")
-    page.wait(lambda: viewer.loop.playing, "the arm to go on")
-    page.click("Pause")
-    page.wait(lambda: not viewer.loop.playing, "the arm to pause")
+    page.click("Play", lambda: viewer.loop.playing)
+    page.click("Pause", lambda: not viewer.loop.playing)
     time = viewer.loop.frame.time
-    page.click("Reset")
     start = np.asarray(viewer.content.q, float)
-    page.wait(lambda: np.abs(viewer.loop.frame.q - start).max() < 1e-5, "the arm at the start")
+    page.click("Reset", lambda: np.abs(viewer.loop.frame.q - start).max() < 1e-5)
     assert viewer.loop.frame.time == time
-    page.click("Play")
+    page.click("Play", lambda: viewer.loop.playing)
 
 
 def test_spheres_and_lines_are_shown_on_demand(viewer, page_of):
@@ -141,7 +137,7 @@ def test_spheres_and_lines_are_shown_on_demand(viewer, page_of):
     set_control(page, viewer.shown["collision spheres"], True)
     page.wait(lambda: spheres.visible, "the spheres")
     triangles = viewer.server.scene.get_handle_by_name("/lines/demonstrations/triangles")
-    set_control(page, viewer.shown["triangles of control points"], True)
+    set_control(page, viewer.shown["triangles"], True)
     page.wait(lambda: triangles.visible, "the triangles")
     set_control(page, viewer.shown["collision spheres"], False)
 
