@@ -5,11 +5,14 @@ become part of the compiled program: they must be hashable, so tuples rather tha
 """
 
 import dataclasses
+import functools
+import operator
 from typing import Any, TypeVar, dataclass_transform
 
 import jax
 
 T = TypeVar("T")
+_FLATTENED = "_flattened"
 
 
 def static(**kwargs: Any) -> Any:
@@ -34,6 +37,11 @@ def pytree(cls: type[T]) -> type[T]:
         content = value.__dict__
         return tuple(content[name] for name in parameters), tuple(content[name] for name in structure)
 
+    # JAX flattens a tree on every call of a compiled function: a frozen value need work out its parts only once.
+    flattened = functools.cached_property(flatten)
+    flattened.__set_name__(cls, _FLATTENED)
+    setattr(cls, _FLATTENED, flattened)
+
     def flatten_with_keys(value):
         children, aux = flatten(value)
         return tuple(zip(keys, children, strict=True)), aux
@@ -44,10 +52,11 @@ def pytree(cls: type[T]) -> type[T]:
         value.__dict__.update(zip(structure, aux, strict=True))
         return value
 
-    jax.tree_util.register_pytree_with_keys(cls, flatten_with_keys, unflatten, flatten)
+    jax.tree_util.register_pytree_with_keys(cls, flatten_with_keys, unflatten, operator.attrgetter(_FLATTENED))
     return cls
 
 
 def set_field(value: Any, name: str, content: Any) -> None:
     """Assign a field of a frozen value; only for use inside its own `__post_init__`."""
     object.__setattr__(value, name, content)
+    value.__dict__.pop(_FLATTENED, None)

@@ -24,8 +24,8 @@ class World:
     A world is a parameter: moving, changing, activating and disabling obstacles recompiles nothing as long as each
     kind keeps its number of slots.
 
-    **Arguments**: `spheres`, `capsules`, `boxes`, `cylinders`, `half_spaces`, each none by default; `grids`, a tuple
-    of `SignedDistanceGrid`.
+    **Arguments**: `spheres`, `capsules`, `boxes`, `cylinders`, `half_spaces`, each none by default, and None too where
+    it is given without slots; `grids`, a tuple of `SignedDistanceGrid`.
     **Raises** `ConfigurationError` if an argument is of another kind.
 
     >>> scene = World(spheres=Spheres.of([((0, 0, 2), 0.5)], capacity=2))
@@ -50,10 +50,10 @@ class World:
         }
         for name, kind in kinds.items():
             given = getattr(self, name)
-            if given is None:
-                set_field(self, name, kind.of())
-            elif not isinstance(given, kind):
+            if given is not None and not isinstance(given, kind):
                 raise ConfigurationError(f"{name} is a {type(given).__name__}, expected {kind.__name__}.")
+            if given is not None and not given.size:  # no slots, and so nothing to pass to a compiled function
+                set_field(self, name, None)
         grids: Any = (self.grids,) if isinstance(self.grids, SignedDistanceGrid) else tuple(self.grids)
         for grid in grids:
             if not isinstance(grid, SignedDistanceGrid):
@@ -65,7 +65,7 @@ class World:
         """The kinds that have slots, in order."""
         padded = (self.spheres, self.capsules, self.boxes, self.cylinders, self.half_spaces)
         kinds: tuple[Any, ...] = (*padded, *self.grids)
-        return tuple(kind for kind in kinds if kind.size)
+        return tuple(kind for kind in kinds if kind is not None and kind.size)
 
     @property
     def size(self) -> int:

@@ -241,6 +241,14 @@ def test_no_pairs_and_no_obstacles_give_no_distances():
         assert psi(x).shape == (0,)
 
 
+def test_kinds_without_slots_are_no_parameters():
+    none = World()
+    assert jax.tree.leaves(none) == [] and none.kinds == () and none.active.shape == (0,)
+    given = World(spheres=Spheres.of([((0, 0, 0), 0.3)]), boxes=Boxes.of())
+    assert jax.tree.structure(given) == jax.tree.structure(World(spheres=given.spheres))
+    assert given.boxes is None and len(jax.tree.leaves(given)) == 3
+
+
 def test_moving_the_world_and_changing_radii_does_not_retrace_and_has_a_gradient():
     traces = []
 
