@@ -1,4 +1,4 @@
-"""README and CONTRIBUTING put to the test: their code runs, their commands parse, their links lead somewhere."""
+"""README, CONTRIBUTING and docs/ put to the test: their code runs, their commands parse, their links lead somewhere."""
 
 import dataclasses
 import re
@@ -15,11 +15,10 @@ from jaxrmp.learning import Configuration
 ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 CONTRIBUTING = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+GUIDES = sorted((ROOT / "docs" / "guides").glob("*.md"))
 TEXTS = [
-    "README.md",
-    "CONTRIBUTING.md",
-    "CHANGELOG.md",
-    *(f"docs/{p.name}" for p in sorted((ROOT / "docs").glob("*.md"))),
+    *("README.md", "CONTRIBUTING.md", "CHANGELOG.md"),
+    *(p.relative_to(ROOT).as_posix() for p in sorted((ROOT / "docs").rglob("*.md"))),
 ]
 
 
@@ -84,6 +83,12 @@ def test_readme_code_runs(monkeypatch, capsys):
     assert namespace["qdd"].shape == (7,)
     assert namespace["jaxrmp"].uncertified_leaves(namespace["safer"]) == ()
     assert "Certificate(" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("path", GUIDES, ids=lambda p: p.stem)
+def test_guides_code_runs(path):
+    """What a guide says its code does, it asserts."""
+    run_blocks(path.read_text(encoding="utf-8"), path.stem)
 
 
 def test_contributing_leaf_passes_its_own_tests():
