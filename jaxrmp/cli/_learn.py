@@ -7,7 +7,7 @@ from ..learning import Learning, learn, learning_report, load_configuration, rep
 from ..visualization import save_learning_figures, save_reproduction_figures
 from ._output import error_table, made_by, progress_bar, write_json
 from ._overrides import parse_overrides
-from ._pages import learning_page, pictures_in
+from ._report_pages import learning_page, pictures_in
 from ._reproduce import result_dict
 from ._sources import default_demonstrations, find_demonstrations, robot_of
 

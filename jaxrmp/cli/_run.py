@@ -38,7 +38,7 @@ from ..visualization import (
     triangle_figure,
 )
 from ._output import made_by, progress_bar, write_json
-from ._pages import FIGURES, pictures_in, run_page
+from ._report_pages import FIGURES, pictures_in, run_page
 from ._sources import demonstrations_of
 
 
