@@ -1,6 +1,7 @@
 # `make demo` and `make test` do all of the set-up themselves: a virtual environment and a pinned installation.
 PYTHON ?= python3
 VENV ?= .venv
+PEERS := .venv-peers
 BIN := $(VENV)/bin
 DATA := $(abspath ../shared/data)
 DEMO := out/drawer_closing/drawer_closing.skill.npz --scene drawer --json out/drawer_closing/run.json
@@ -15,7 +16,7 @@ endif
 export JAX_COMPILATION_CACHE_DIR ?= $(abspath .jax_cache)
 export JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS ?= 0
 
-.PHONY: demo test osmesa check format docs bench clean
+.PHONY: demo test osmesa chromium check format docs bench peers clean
 
 demo: $(VENV)/.installed-demo osmesa
 	$(BIN)/jaxrmp learn configs/drawer_closing.toml --out out/drawer_closing
@@ -26,7 +27,7 @@ demo: $(VENV)/.installed-demo osmesa
 	else $(BIN)/jaxrmp run $(DEMO) --video out/drawer_closing/drawer.mp4 --figures out/drawer_closing/figures; fi
 	@echo "The drawer is closed. Skill, reports, video and pictures are in out/drawer_closing."
 
-test: $(VENV)/.installed-dev osmesa
+test: $(VENV)/.installed-dev osmesa chromium
 	$(BIN)/python -m pytest -n auto --dist loadfile
 
 # What MuJoCo needs to draw without a display, where we may install it.
@@ -34,6 +35,12 @@ osmesa:
 	@if [ "$$(uname)" = Linux ] && [ -z "$$DISPLAY$$MUJOCO_GL" ] && ! ldconfig -p | grep -q libOSMesa && \
 			[ "$$(id -u)" = 0 ] && command -v apt-get > /dev/null; then \
 		{ apt-get update -qq && apt-get install -y -qq --no-install-recommends libosmesa6; } > /dev/null || true; fi
+
+# The browser that the tests of the viewer drive, where we may install it.
+chromium:
+	@if [ "$$(uname)" = Linux ] && ! command -v chromium > /dev/null && \
+			[ "$$(id -u)" = 0 ] && command -v apt-get > /dev/null; then \
+		{ apt-get update -qq && apt-get install -y -qq --no-install-recommends chromium; } > /dev/null || true; fi
 
 check: $(VENV)/.installed-dev
 	$(BIN)/ruff format --check .
@@ -58,14 +65,20 @@ $(VENV)/.installed-demo: $(BIN)/python pyproject.toml constraints.txt
 	@touch $@
 
 $(VENV)/.installed-dev: $(BIN)/python pyproject.toml constraints.txt
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[all,torch,dev]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[all,torch,peers,dev]'
 	@touch $@
 
+# How fast it is: tables, JSON and plots in out/benchmarks, then the bars. Run `make peers` before, to compare with fabrics.
 bench: $(VENV)/.installed-dev
-	$(BIN)/python -m benchmarks latency
-	$(BIN)/python -m benchmarks learning
-	$(BIN)/python -m benchmarks reproduction
-	$(BIN)/python -m benchmarks physics
+	$(BIN)/python -m benchmarks all
+
+# Peers whose requirements are at odds with ours, in an environment of their own.
+peers: $(PEERS)/.installed
+
+$(PEERS)/.installed: benchmarks/peers.txt
+	$(PYTHON) -m venv $(PEERS)
+	$(PEERS)/bin/python -m pip install --quiet --disable-pip-version-check -r benchmarks/peers.txt
+	@touch $@
 
 clean:
-	rm -rf $(VENV) .jax_cache out dist .pytest_cache .ruff_cache
+	rm -rf $(VENV) $(PEERS) .jax_cache out dist .pytest_cache .ruff_cache

@@ -1,54 +1,82 @@
-"""Run one benchmark, print its table, and write its rows as JSON if asked."""
+"""Run one benchmark, or all that `make bench` runs; print its table, write its rows as JSON and a plot beside it."""
 
 import argparse
-import json
-import os
-import platform
-from importlib.metadata import version
+import importlib
+import subprocess
+import sys
+import time
 from pathlib import Path
 
-from . import evaluation, latency, learning, physics, reproduction, scenes, tracker
+from . import _bars
+from ._children import stay_on_one_core
+from ._report import FOLDER, table, write_json
 
-BENCHMARKS = {
-    "latency": latency.rows,
-    "learning": learning.rows,
-    "reproduction": reproduction.rows,
-    "scenes": scenes.rows,
-    "physics": physics.rows,
-    "evaluation": evaluation.rows,
-    "tracker": tracker.rows,
-}
+ALL_CORES = ("learning", "rollouts")
+ONE_CORE = tuple(name for name in _bars.NAMES if name not in ALL_CORES)
+LONG = (
+    "reproduction",
+    "scenes",
+    "physics",
+    "evaluation",
+    "tracker",
+    "viewer",
+)  # what policies achieve, rather than how fast
 
 
-def main() -> None:
+def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description="Measure jaxrmp on this machine.")
-    parser.add_argument("name", choices=BENCHMARKS)
-    parser.add_argument("--json", type=Path, metavar="FILE")
+    parser.add_argument("name", choices=[*_bars.NAMES, *LONG, "all", "bars", "tables"])
+    parser.add_argument("--json", type=Path, metavar="FILE", help="where to, by default out/benchmarks/NAME.json")
+    parser.add_argument("--quick", action="store_true", help="hardly any repetitions, to see that it runs")
+    parser.add_argument("--folder", type=Path, default=FOLDER, help="of `all`, `bars` and `tables`: where the JSON is")
+    parser.add_argument("documents", nargs="*", type=Path, metavar="FILE", help="for `tables`: markdown to fill in")
     arguments = parser.parse_args()
-    rows = BENCHMARKS[arguments.name]()
-    columns = list(dict.fromkeys(key for row in rows for key in row))
-    table = [columns] + [[_text(row.get(column)) for column in columns] for row in rows]
-    widths = [max(len(line[i]) for line in table) for i in range(len(columns))]
-    for line in table:
-        print(
-            "  ".join(
-                cell.rjust(width) if i else cell.ljust(width)
-                for i, (cell, width) in enumerate(zip(line, widths, strict=True))
-            )
-        )
-    if arguments.json:
-        content = {
-            "machine": f"{platform.machine()}, {os.cpu_count()} cores, {platform.system()}",
-            "versions": {name: version(name) for name in ("jaxrmp", "jax", "jaxlib", "numpy", "cvxpy", "mujoco")},
-            "rows": rows,
-        }
-        arguments.json.write_text(json.dumps(content, indent=1) + "\n")
+    if arguments.name == "all":
+        return _all(arguments.folder, arguments.quick)
+    if arguments.name == "bars":
+        print(_bars.report(arguments.folder))
+        return 0
+    if arguments.name == "tables":
+        for document in arguments.documents:
+            document.write_text(_bars.fill(document.read_text(encoding="utf-8"), arguments.folder), encoding="utf-8")
+        return 0
+    if arguments.name in ONE_CORE:
+        stay_on_one_core()
+    run(arguments.name, arguments.json or arguments.folder / f"{arguments.name}.json", arguments.quick)
+    return 0
 
 
-def _text(value: object) -> str:
-    if value is None:
-        return ""
-    return f"{value:.3g}" if isinstance(value, float) else str(value)
+def run(name: str, file: Path, quick: bool) -> None:
+    """One benchmark, its table printed, its JSON in `file` and its plot beside that."""
+    start = time.perf_counter()
+    module = importlib.import_module(f"benchmarks.{name}")
+    rows = module.rows() if name in LONG else module.rows(quick)
+    device = _device()
+    rows = [{**row, "device": row.get("device", device)} for row in rows]
+    print(table(rows), flush=True)
+    write_json(rows, file, quick=quick, seconds=time.perf_counter() - start)
+    if hasattr(module, "figure"):
+        module.figure(rows).savefig(file.with_suffix(".png"), dpi=130)
 
 
-main()
+def _all(folder: Path, quick: bool) -> int:
+    failed = []
+    for name in _bars.NAMES:
+        print(f"\n{name}", flush=True)
+        command = [sys.executable, "-m", "benchmarks", name, "--json", str(folder / f"{name}.json")]
+        if subprocess.run([*command, *(["--quick"] if quick else [])], check=False).returncode:
+            failed.append(name)
+    print("\n" + _bars.report(folder))
+    if failed:
+        print(f"failed: {', '.join(failed)}", file=sys.stderr)
+    return len(failed)
+
+
+def _device() -> str:
+    import jax
+
+    return jax.devices()[0].device_kind
+
+
+if __name__ == "__main__":
+    sys.exit(main())

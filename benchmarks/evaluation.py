@@ -5,16 +5,16 @@ the others, so ends are compared start by start.
 """
 
 import os
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from jaxrmp.cli import main
 
-from .physics import learned_skill
+from ._report import FOLDER
+from ._skills import skill_file
 
-_OUT = Path("out") / "benchmarks" / "evaluation"
+_OUT = FOLDER / "evaluation"
 _STARTS = {"kinematic": 4096, "mujoco": 1024, "mjx": 256}
 _CONVERGED, _AT_LIMIT = 1, 2
 
@@ -34,7 +34,7 @@ def _ends(source: str, task: str, engine: str, starts: int) -> dict[str, np.ndar
     report = _OUT / f"{source}_{task}_{engine}.json"
     saved = report.with_suffix(".npz")
     arguments = ["--starts", str(starts), "--physics", engine, "--json", str(report), "--save", str(saved)]
-    if main(["evaluate", str(learned_skill(source, task)), *arguments]):
+    if main(["evaluate", str(skill_file(task, source)), *arguments]):
         raise SystemExit(f"jaxrmp evaluate {' '.join(arguments)} failed")
     with np.load(saved) as file:
         return dict(file)

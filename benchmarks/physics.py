@@ -6,12 +6,13 @@ from the synthetic demonstrations.
 
 import json
 import os
-from pathlib import Path
 from typing import Any
 
 from jaxrmp.cli import main
 
-_OUT = Path("out") / "benchmarks"
+from ._report import FOLDER
+from ._skills import skill_file
+
 _TRACKER = ["--displace", "--tracker-delay", "0.1", "--tracker-dropouts", "0.1"]
 _HELD = ["--learned-rate", "50"]
 
@@ -42,8 +43,8 @@ def rows() -> list[dict[str, Any]]:
 
 
 def _row(source: str, name: str, task: str, arguments: list[str], skipped: int) -> dict[str, Any]:
-    skill = learned_skill(source, task)
-    file = _OUT / "run.json"
+    skill = skill_file(task, source)
+    file = FOLDER / "run.json"
     if main(["run", str(skill), *arguments, "--json", str(file)]):
         raise SystemExit(f"jaxrmp run {skill} {' '.join(arguments)} failed")
     trials = json.loads(file.read_text())["per_trial"][skipped:]
@@ -58,14 +59,3 @@ def _row(source: str, name: str, task: str, arguments: list[str], skipped: int) 
         "mean_time_s": sum(t["time_s"] for t in trials) / len(trials),
         "saturated": max(t["saturated"] for t in trials),
     }
-
-
-def learned_skill(source: str, task: str) -> Path:
-    """The skill file of a task, learned from a source by its configuration; it is kept in out/benchmarks."""
-    folder = _OUT / f"{source}_{task}"
-    file = folder / f"{task}.skill.npz"
-    if not file.exists():
-        demos = f"synthetic:{task}" if source == "synthetic" else str(Path(os.environ["JAXRMP_DATA"]) / "franka" / task)
-        if main(["learn", f"configs/{task}.toml", "--demos", demos, "--out", str(folder)]):
-            raise SystemExit(f"learning {task} from {demos} failed")
-    return file

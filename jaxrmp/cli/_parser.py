@@ -23,6 +23,8 @@ def build_parser() -> argparse.ArgumentParser:
     _add_run(commands)
     _add_evaluate(commands)
     _add_demonstrate(commands)
+    _add_view(commands)
+    _add_teach(commands)
     _add_completion(commands)
     for command in commands.choices.values():
         command.add_argument("-q", "--quiet", action="store_true", help="show no progress, results and errors only")
@@ -121,7 +123,7 @@ def _add_run(commands) -> None:
 def _add_evaluate(commands) -> None:
     parser = commands.add_parser(
         "evaluate",
-        help="roll a skill out from thousands of starts and report how stable it is",
+        help="roll a skill out from thousands of starts and judge it",
         description="Rollouts of the whole policy from many initial configurations, all at once: how each ends, rest "
         "points away from the goal, energy, clearance, joint limits, and stability as mathematics.",
         epilog="example: jaxrmp evaluate out/drawer_closing/drawer_closing.skill.npz --starts 4096 --json report.json",
@@ -183,10 +185,48 @@ def _add_demonstrate(commands) -> None:
     parser.add_argument("--overwrite", action="store_true", help="replace demonstrations that are there")
 
 
+def _add_view(commands) -> None:
+    parser = commands.add_parser(
+        "view",
+        help="watch a policy run live in the browser, drag and push it",
+        description="A page on this machine, with the policy running at 1 kHz in it: drag its goal, its object and "
+        "obstacles, push the arm, turn gains, switch leaves off, watch its energy. With SKILL a learned one, without a "
+        "hand-designed one. Ctrl-C ends it.",
+        epilog="example: jaxrmp view out/drawer_closing/drawer_closing.skill.npz --scene drawer",
+    )
+    parser.add_argument("skill", metavar="SKILL", nargs="?", help="skill file; default a hand-designed policy")
+    parser.add_argument("--robot", metavar="FILE", help="MJCF or URDF file, default the Panda, or the skill's robot")
+    parser.add_argument("--frame", metavar="NAME", help="without SKILL: the frame that is taken to the goal")
+    parser.add_argument("--scene", choices=SCENES, help="furniture around the skill")
+    parser.add_argument("--demos", metavar="DIR", help=DEMOS + "those it was learned from")
+    parser.add_argument("--balls", metavar="N", type=int, choices=(0, 1, 2), help="draggable obstacles, default 1")
+    _add_page(parser)
+
+
+def _add_teach(commands) -> None:
+    parser = commands.add_parser(
+        "teach",
+        help="demonstrate in the browser, with no robot at hand",
+        description="A page on this machine on which the robot's hand is dragged: record, replay, discard, mark the "
+        "target, and save a set that jaxrmp learn takes, with a configuration beside it. Ctrl-C ends it.",
+        epilog="example: jaxrmp teach --robot panda --out out/cup",
+    )
+    parser.add_argument("--robot", metavar="FILE", default="panda", help="panda (default), or an MJCF or URDF file")
+    parser.add_argument("--frame", metavar="NAME", help="the frame that is dragged, default the hand or the last one")
+    parser.add_argument("--out", metavar="DIR", type=Path, required=True, help="folder to save demonstrations to")
+    parser.add_argument("--overwrite", action="store_true", help="replace demonstrations that are there")
+    _add_page(parser)
+
+
+def _add_page(parser) -> None:
+    parser.add_argument("--port", metavar="P", type=int, default=8080, help="on 127.0.0.1; default 8080, 0 for any")
+    parser.add_argument("--until-closed", action="store_true", help="end when the page is closed, not by Ctrl-C only")
+
+
 def _add_completion(commands) -> None:
     parser = commands.add_parser(
         "completion",
-        help="print what makes a shell complete this command line",
+        help="print a script that makes a shell complete all this",
         description="Print a script that completes commands, options and their values in a shell.",
         epilog="example: jaxrmp completion bash > ~/.local/share/bash-completion/completions/jaxrmp",
     )

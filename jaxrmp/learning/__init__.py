@@ -12,6 +12,7 @@ from ._configuration import TargetSettings as TargetSettings
 from ._configuration_file import configuration_from_dict as configuration_from_dict
 from ._configuration_file import configuration_to_dict as configuration_to_dict
 from ._configuration_file import load_configuration as load_configuration
+from ._demonstration_files import check_replaceable as check_replaceable
 from ._demonstration_files import load_demonstrations as load_demonstrations
 from ._demonstration_files import save_demonstrations as save_demonstrations
 from ._demonstrations import Demonstration as Demonstration

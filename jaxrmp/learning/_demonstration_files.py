@@ -66,7 +66,7 @@ def save_demonstrations(demonstrations: DemonstrationSet, path: str | os.PathLik
     **Raises** `DemonstrationError` if the folder is not empty and may not be replaced.
     """
     folder = Path(path)
-    _check_replaceable(folder, overwrite)
+    check_replaceable(folder, overwrite)
     folder.parent.mkdir(parents=True, exist_ok=True)
     new = folder.parent / f".{folder.name}.{uuid.uuid4().hex[:8]}.partial"
     new.mkdir()
@@ -182,7 +182,8 @@ def _in_base_frame(demonstration: Demonstration, T_world_base: np.ndarray, where
     return {name: T_base_world @ T for name, T in demonstration.poses.items()}
 
 
-def _check_replaceable(folder: Path, overwrite: bool) -> None:
+def check_replaceable(folder: Path, overwrite: bool) -> None:
+    """Look, before the work, whether `save_demonstrations` will write to a folder. **Raises** `DemonstrationError`."""
     if not folder.exists():
         return
     if not folder.is_dir():

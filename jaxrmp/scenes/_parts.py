@@ -32,6 +32,7 @@ def arm_spec() -> Any:
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET  # a diverged state shall be seen
     spec.add_numeric(name="max_contact_points", data=[8.0])  # MJX keeps the deepest ones; each costs it time always
+    spec.add_numeric(name="max_geom_pairs", data=[24.0])  # of a kind, the nearest ones, that MJX looks at for contact
     spec.visual.quality.shadowsize = 1024
     spec.visual.quality.offsamples = 0
     spec.visual.global_.offwidth, spec.visual.global_.offheight = 1280, 960

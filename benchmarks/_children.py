@@ -1,0 +1,58 @@
+"""Functions of the benchmarks in processes of their own: other flags for XLA, other cores, nothing compiled before."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+_SCRIPT = """
+import importlib, json, os, sys
+where, cores, arguments = json.loads(sys.argv[1])
+if cores:
+    os.sched_setaffinity(0, cores)
+module, name = where.split(":")
+found = getattr(importlib.import_module(module), name)(*arguments)
+print("\\n" + json.dumps(found))
+"""
+
+
+def in_child(where: str, *arguments: Any, cores: set[int] | None = None, **variables: str) -> Any:
+    """What `module:function` of `arguments` returns, both as JSON, in a fresh process with these variables set too.
+
+    **Raises** `RuntimeError` with what the child printed, if it fails.
+    """
+    command = [sys.executable, "-c", _SCRIPT, json.dumps([where, sorted(cores or ()), arguments])]
+    run = subprocess.run(command, env=environment_of(**variables), capture_output=True, text=True, check=False)
+    if run.returncode:
+        raise RuntimeError(f"{where}{arguments} failed in a child process:\n{run.stderr[-3000:]}")
+    return json.loads(run.stdout.splitlines()[-1])
+
+
+def environment_of(**variables: str) -> dict[str, str]:
+    """This process's environment, with the benchmarks themselves on the path and these variables set too."""
+    path = os.pathsep.join(filter(None, (str(Path(__file__).parent.parent), os.environ.get("PYTHONPATH"))))
+    return {**os.environ, "PYTHONPATH": path, **variables}
+
+
+def stay_on_one_core() -> None:
+    """Keep this process on one of the cores it may use, the last: to be called before JAX starts its threads."""
+    if hasattr(os, "sched_setaffinity"):
+        os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
+
+
+def own_cores() -> int:
+    """How many cores this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def fast_mjx_flags() -> dict[str, str]:
+    """What a child that runs MJX needs in its environment; see `jaxrmp.simulation.FAST_ON_CPU`."""
+    import jax
+
+    from jaxrmp.simulation import FAST_ON_CPU
+
+    if jax.default_backend() != "cpu":
+        return {}
+    return {"XLA_FLAGS": f"{os.environ.get('XLA_FLAGS', '')} {FAST_ON_CPU}".strip()}

@@ -1,0 +1,51 @@
+"""Skills to measure with, learned where they are not there yet."""
+
+import os
+from dataclasses import replace
+from pathlib import Path
+
+from jaxrmp.cli._sources import find_demonstrations, robot_of
+from jaxrmp.learning import Configuration, Learning, learn, load_configuration, save_skill
+
+from ._report import FOLDER
+
+CONFIGS = Path(__file__).parent.parent / "configs"
+
+
+def skill_file(task: str, source: str | None = None, quick: bool = False) -> Path:
+    """The skill of `configs/TASK.toml` with the committed settings, or of hardly any training if `quick`.
+
+    `source`, `synthetic` or `recordings` (those in `$JAXRMP_DATA`): by default the latter where they are.
+    """
+    source = source or source_here(quick)
+    file = FOLDER / f"{'quick_' if quick else ''}{source}_{task}" / f"{task}.skill.npz"
+    if not file.exists():
+        file.parent.mkdir(parents=True, exist_ok=True)
+        save_skill(learned(task, source, quick).skill, file)
+    return file
+
+
+def learned(task: str, source: str, quick: bool = False) -> Learning:
+    """The outcome of learning a task."""
+    settings = configuration(task, quick)
+    return learn(settings, robot_of(settings), demonstrations(task, source))
+
+
+def demonstrations(task: str, source: str):
+    """The demonstrations of a task from a source."""
+    folder = Path(os.environ.get("JAXRMP_DATA") or os.devnull) / "franka" / task
+    return find_demonstrations(f"synthetic:{task}" if source == "synthetic" else str(folder))
+
+
+def configuration(task: str, quick: bool = False) -> Configuration:
+    """The committed configuration of a task, cut down if `quick`."""
+    settings = load_configuration(CONFIGS / f"{task}.toml")
+    if not quick:
+        return settings
+    potential = replace(settings.potential, widths=(0.04,), basin_starts=50)
+    return replace(settings, metric=replace(settings.metric, updates=20), potential=potential)
+
+
+def source_here(quick: bool = False) -> str:
+    """The recordings, where they are; for a quick run always the synthetic demonstrations."""
+    return "recordings" if os.environ.get("JAXRMP_DATA") and not quick else "synthetic"

@@ -1,0 +1,55 @@
+"""`jaxrmp view`: a policy running live on a page."""
+
+import argparse
+import sys
+from dataclasses import replace
+
+import numpy as np
+
+from .._errors import ConfigurationError, DemonstrationError
+from ..kinematics import panda
+from ..learning import load_skill, prepare
+from ..scenes import scene as build_scene
+from ..viewer import Viewer, reach_content, skill_content
+from ._pages import show
+from ._run import check_scene
+from ._sources import demonstrations_of, robot_of
+
+
+def run(arguments: argparse.Namespace, rest: list[str]) -> None:
+    show(_viewer(arguments), arguments.until_closed, "Drag the goal, push the arm, turn its gains.")
+
+
+def _viewer(arguments: argparse.Namespace) -> Viewer:
+    if arguments.skill is None:
+        if arguments.scene or arguments.demos:
+            raise ConfigurationError("--scene and --demos belong to a skill: give SKILL, or leave them out.")
+        balls = 1 if arguments.balls is None else arguments.balls
+        return Viewer(reach_content(arguments.robot or "panda", arguments.frame, balls=balls), arguments.port)
+    if arguments.frame:
+        raise ConfigurationError(
+            "--frame is for the hand-designed policy: a skill has its control points. Leave it out."
+        )
+    skill = load_skill(arguments.skill)
+    configuration = skill.configuration
+    if arguments.robot:
+        configuration = replace(configuration, robot=arguments.robot)
+    robot = robot_of(configuration)
+    skill.check_robot(robot)
+    place = None
+    if arguments.scene:
+        if robot.fingerprint != panda().fingerprint:
+            raise ConfigurationError(f"scenes have the built-in Panda, and the skill was learned on {robot.name!r}.")
+        check_scene(skill, arguments.scene)
+        place = build_scene(arguments.scene, T_world_object=np.asarray(skill.T_world_object, float))
+    prepared = None
+    try:
+        prepared = prepare(configuration, robot, demonstrations_of(skill, arguments.demos))
+    except DemonstrationError as error:
+        if arguments.demos:
+            raise
+        print(f"jaxrmp: without demonstrations: {error}", file=sys.stderr)
+    skill = replace(skill, configuration=configuration)
+    balls = (0 if place is not None else 1) if arguments.balls is None else arguments.balls
+    content = skill_content(skill, robot, prepared, scene=place, balls=balls)
+    return Viewer(content, arguments.port, skill=skill, prepared=prepared)

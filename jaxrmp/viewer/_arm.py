@@ -1,0 +1,83 @@
+"""The arm on the page: a node for each link, its geometry below it, its collision spheres if they are wanted."""
+
+from typing import Any
+
+import numpy as np
+
+from ..kinematics import PANDA_MODEL, Robot, panda
+from ..world import RobotSpheres
+from ..world._robot_spheres import geometry_of_model
+from ._poses import quaternions
+from ._shapes import seen, shapes_of
+
+_SPHERES = (230, 120, 30)
+_HAND, _LINKS = (90, 100, 112), ((238, 240, 243), (206, 213, 222))
+
+
+class ArmView:
+    """A robot drawn from the geometry of its file (of the built-in Panda by default), moved by the poses of frames.
+
+    `frames`, those whose poses `move` wants, in its order; `more` frames may be asked for, that carry nothing.
+    """
+
+    def __init__(
+        self, server: Any, robot: Robot, source: str | None, spheres: RobotSpheres | None, more: tuple[str, ...] = ()
+    ):
+        model = geometry_of_model(source or PANDA_MODEL)
+        name_of = [model.body(b).name or f"body_{b}" for b in range(model.nbody)]
+        shapes = shapes_of(model, seen(model))
+        carried = [name_of[shape.body] for shape in shapes] + list(spheres.frames if spheres else ()) + list(more)
+        self.frames = tuple(name for name in dict.fromkeys(carried) if name in robot.frame_names)
+        scene = server.scene
+        self._nodes = {name: scene.add_frame(f"/arm/{name}", show_axes=False) for name in self.frames}
+        tinted = _tints([name_of[shape.body] for shape in shapes]) if robot.fingerprint == panda().fingerprint else {}
+        for i, shape in enumerate(shapes):
+            name = name_of[shape.body]
+            scene.add_mesh_simple(
+                f"/arm/{name}/shape_{i}",
+                shape.vertices,
+                shape.faces,
+                color=tinted.get(name, tuple(round(255 * v) for v in shape.rgba[:3])),
+                flat_shading=shape.flat,
+                cast_shadow=False,
+                receive_shadow=False,
+            )
+        self._spheres = (
+            [_sphere_node(scene, name, spheres) for name in dict.fromkeys(spheres.frames)] if spheres else []
+        )
+
+    def move(self, poses: np.ndarray) -> None:
+        """Put the links at `poses` [F, 4, 4] of `frames`."""
+        for name, position, wxyz in zip(self.frames, poses[:, :3, 3], quaternions(poses[:, :3, :3]), strict=True):
+            self._nodes[name].position, self._nodes[name].wxyz = position, wxyz
+
+    def show_spheres(self, visible: bool) -> None:
+        """Show the collision spheres, or hide them."""
+        for node in self._spheres:
+            node.visible = visible
+
+
+def _tints(links: list[str]) -> dict[str, tuple[int, int, int]]:
+    """Two light greys in turn for the Panda's links, a dark one for its hand, so that they can be told apart."""
+    arm = [name for name in dict.fromkeys(links) if "hand" not in name and "finger" not in name]
+    return dict.fromkeys(links, _HAND) | {name: _LINKS[k % 2] for k, name in enumerate(arm)}
+
+
+def _sphere_node(scene: Any, name: str, spheres: RobotSpheres) -> Any:
+    from trimesh import creation
+
+    ball = creation.icosphere(subdivisions=2)
+    rows = [k for k, frame in enumerate(spheres.frames) if frame == name]
+    return scene.add_batched_meshes_simple(
+        f"/arm/{name}/spheres",
+        np.asarray(ball.vertices),
+        np.asarray(ball.faces),
+        batched_wxyzs=np.tile([1.0, 0.0, 0.0, 0.0], (len(rows), 1)),
+        batched_positions=np.asarray(spheres.offsets)[rows],
+        batched_scales=np.asarray(spheres.radii)[rows],
+        batched_colors=_SPHERES,
+        opacity=0.35,
+        lod="off",
+        cast_shadow=False,
+        visible=False,
+    )

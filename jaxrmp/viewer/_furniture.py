@@ -1,0 +1,71 @@
+"""A scene's furniture on the page, moved with its object, and how near the arm is to it."""
+
+from typing import Any
+
+import numpy as np
+
+from ..kinematics._mujoco import import_mujoco
+from ..kinematics._quaternions import rotation_of_quaternion
+from ..scenes import Scene
+from ._poses import place, quaternions
+from ._shapes import shapes_of
+
+_OBJECT = 0  # of the bodies that are placed and not simulated, the first is the object
+
+
+class FurnitureView:
+    """The furniture of a scene below one node at the object's pose. What its joint moves stands where it is at first.
+
+    What the arm's way there would change in the world, such as a drawer that closes, is for physics: `jaxrmp run`.
+    """
+
+    def __init__(self, server: Any, scene: Scene):
+        mujoco = import_mujoco()
+        self._scene, self._data = scene, mujoco.MjData(scene.model)
+        scene.place(self._data, np.eye(4))
+        self._data.qpos[scene.model.joint(scene.joint).qposadr[0]] = scene.start
+        mujoco.mj_kinematics(scene.model, self._data)
+        self._node = server.scene.add_frame("/object", show_axes=False)
+        bodies = self._carried()
+        geoms = [g for g in range(scene.model.ngeom) if int(scene.model.geom_bodyid[g]) in bodies]
+        for i, shape in enumerate(shapes_of(scene.model, geoms)):
+            server.scene.add_mesh_simple(
+                f"/object/shape_{i}",
+                shape.vertices,
+                shape.faces,
+                color=tuple(round(255 * v) for v in shape.rgba[:3]),
+                flat_shading=True,
+                side="double",
+                cast_shadow=False,
+                receive_shadow=False,
+                position=self._data.xpos[shape.body],
+                wxyz=self._data.xquat[shape.body],
+            )
+
+    def move(self, T_world_object: np.ndarray) -> None:
+        """Put the object, and all that stands with it, at a pose [4, 4]."""
+        place(self._node, T_world_object)
+
+    def clearance(self, q: np.ndarray, T_world_object: np.ndarray) -> float:
+        """Least distance of the arm's geometry at `q` [n] to what it must not touch, m; at most 1."""
+        mujoco, scene, data = import_mujoco(), self._scene, self._data
+        data.mocap_pos[_OBJECT] = T_world_object[:3, 3]
+        data.mocap_quat[_OBJECT] = quaternions(T_world_object[:3, :3])
+        data.qpos[scene.arm_qpos] = q
+        mujoco.mj_kinematics(scene.model, data)
+        return scene.clearance(data)
+
+    def _carried(self) -> set[int]:
+        """Bodies below the object."""
+        model, bodies = self._scene.model, set()
+        for b in range(1, model.nbody):
+            if model.body(b).name == "object" or int(model.body_parentid[b]) in bodies:
+                bodies.add(b)
+        return bodies
+
+
+def camera_of(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
+    """Where the scene's own camera stands, and a point that it looks at, both [3], m."""
+    camera = scene.model.camera("view")
+    eye = np.array(camera.pos, float)
+    return eye, eye - 1.6 * rotation_of_quaternion(camera.quat)[:, 2]

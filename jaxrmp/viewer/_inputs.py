@@ -1,0 +1,115 @@
+"""What a person can change on the page while the policy runs: gains and switches."""
+
+import dataclasses
+from typing import Any, NamedTuple
+
+import numpy as np
+
+_RANGE = 4.0  # sliders go from nothing, or near it, to this many times the gain at the start
+
+
+class Gain(NamedTuple):
+    """A number of a policy: `label`, its dotted `path`, whether it may be `zero`."""
+
+    label: str
+    path: str
+    zero: bool = True
+
+
+_KNOWN = (
+    Gain("cruise speed (m/s)", "skill.learned.speed", zero=False),
+    Gain("path damping (1/s)", "skill.learned.damping_rate", zero=False),
+    Gain("joint damping (1/s)", "skill.joint_damping.damping_rate"),
+    Gain("joint damping weight", "skill.joint_damping.weight", zero=False),
+    Gain("joint limit barrier", "skill.joint_limit.barrier"),
+    Gain("hand weight", "hand_weight"),
+    Gain("hand stiffness (1/s²)", "hand_stiffness"),
+    Gain("goal pull (m/s²)", "reach.gain"),
+    Gain("goal sharpness (1/m)", "reach.sharpness", zero=False),
+    Gain("goal damping (1/s)", "reach.damping_rate"),
+    Gain("turn weight", "turn.weight"),
+    Gain("turn stiffness (1/s²)", "turn.stiffness"),
+    Gain("posture stiffness (1/s²)", "posture.stiffness"),
+    Gain("joint damping (1/s)", "damping.damping_rate"),
+    Gain("joint damping weight", "damping.weight", zero=False),
+    Gain("joint limit barrier", "limit.barrier"),
+    Gain("avoidance barrier", "avoidance.barrier"),
+    Gain("avoidance reach (m)", "avoidance.reach", zero=False),
+)
+
+
+def gains_of(policy: Any) -> list[Gain]:
+    """Those of the known gains that a policy has."""
+    return [gain for gain in _KNOWN if _reach(policy, gain.path) is not None]
+
+
+def gain_value(policy: Any, path: str) -> float:
+    """The value of a gain; the mean where each of several points has its own."""
+    return float(np.mean(_reach(policy, path)))
+
+
+def with_gain(policy: Any, path: str, value: float) -> Any:
+    """The same policy with a gain set, for all points alike."""
+    name, _, rest = path.partition(".")
+    inner = getattr(policy, name)
+    new = with_gain(inner, rest, value) if rest else np.full(np.shape(inner), value, np.float32)
+    return dataclasses.replace(policy, **{name: new})
+
+
+class GainSliders:
+    """A slider for each known gain of a policy, and the policy as they stand."""
+
+    def __init__(self, server: Any, policy: Any):
+        self._policy = policy
+        self._sliders = {}
+        for gain in gains_of(policy):
+            value = gain_value(policy, gain.path)
+            if value <= 0:
+                continue
+            step = value / 50
+            slider = server.gui.add_slider(
+                gain.label, 0.0 if gain.zero else step, _RANGE * value, step=step, initial_value=value
+            )
+            self._sliders[gain.path] = (slider, value)
+        self._last: tuple[float, ...] = tuple(value for _, value in self._sliders.values())
+        self._current = policy
+        if self._sliders:
+            server.gui.add_button("As they were", icon="rotate").on_click(lambda _: self.reset())
+
+    def read(self) -> Any:
+        """The policy with the gains as the sliders stand; the same object until one moves."""
+        values = tuple(float(slider.value) for slider, _ in self._sliders.values())
+        if values != self._last:
+            policy = self._policy
+            for (path, (_, initial)), value in zip(self._sliders.items(), values, strict=True):
+                if abs(value - initial) > 1e-6 * abs(initial):
+                    policy = with_gain(policy, path, value)
+            self._last, self._current = values, policy
+        return self._current
+
+    def slider(self, path: str) -> Any:
+        """The slider of a gain, given its dotted path."""
+        return self._sliders[path][0]
+
+    def reset(self) -> None:
+        """All sliders as they were at the start."""
+        for slider, value in self._sliders.values():
+            slider.value = value
+
+
+class LeafSwitches:
+    """A checkbox for each leaf, and the shares that they stand for."""
+
+    def __init__(self, server: Any, names: tuple[str, ...], labels: tuple[str, ...]):
+        self.names = names
+        self.boxes = [server.gui.add_checkbox(label, True) for label in labels]
+
+    def read(self) -> np.ndarray:
+        """One or zero for each leaf, [S]."""
+        return np.array([float(box.value) for box in self.boxes], np.float32)
+
+
+def _reach(value: Any, path: str) -> Any:
+    for name in path.split("."):
+        value = getattr(value, name, None)
+    return value

@@ -1,0 +1,101 @@
+"""The programs of the live arm: many steps of the policy as one call, and a look at what its leaves do."""
+
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from .._forms import NaturalForm, resolve
+from .._pytree import pytree
+from .._task_map import pushforward
+from .._tree import Batched, Node, pullback
+from ..inspection import Inspection, inspect
+from ..kinematics import ControlPoints, frame_poses
+from ..world import World
+from ._measured import measured
+from ._push import Push
+from ._switched import switched
+
+STEP = 0.001
+"""Seconds from one evaluation of the policy to the next: the live arm runs it at 1 kHz."""
+
+
+@pytree
+class Situation:
+    """All that a page can change; its numbers are parameters of the compiled programs.
+
+    `policy`, with a `robot` and a method `tree(T_world_target, world)`, such as `simulation.ScenePolicy`;
+    `T_world_target` [4, 4], where the object or the goal is; `world`, the obstacles; `shares`, of the leaves' switches;
+    `push`, at the hand.
+    """
+
+    policy: Any
+    T_world_target: jax.Array
+    world: World
+    shares: jax.Array
+    push: Push
+
+    def tree(self, hand: str) -> Node:
+        """The whole policy, its leaves switched, with the push at the origin of the frame `hand`."""
+        own = switched(self.policy.tree(self.T_world_target, self.world), self.shares)
+        return own + pullback(
+            ControlPoints(self.policy.robot, hand, jnp.zeros((1, 3))), Batched(self.push, shared=True)
+        )
+
+
+@pytree
+class Motion:
+    """A state of the arm: `q` and `rest` [n], what rounding cut off it; `qd` [n]."""
+
+    q: jax.Array
+    rest: jax.Array
+    qd: jax.Array
+
+    @staticmethod
+    def at_rest(q: Any) -> "Motion":
+        """The arm standing still at `q` [n]."""
+        q = jnp.asarray(q, jnp.float32)
+        return Motion(q, jnp.zeros_like(q), jnp.zeros_like(q))
+
+
+@pytree
+class Reading:
+    """What a call of `advance` tells: `motion` at its end; `poses` [F, 4, 4] of the frames then; `energy` [2], before
+    its first and before its last step; `dissipated` [2], how much of it the damping took up to its last step, and with
+    that. Without a step, energies are NaN."""
+
+    motion: Motion
+    poses: jax.Array
+    energy: jax.Array
+    dissipated: jax.Array
+
+
+@partial(jax.jit, static_argnames=("frames", "hand"))
+def advance(situation: Situation, motion: Motion, steps: jax.Array, frames: tuple[str, ...], hand: str) -> Reading:
+    """`steps` steps of semi-implicit Euler from a state; any number of them by one program."""
+    tree = situation.tree(hand)
+
+    def step(i, carried):
+        motion, energy, dissipated = carried
+        found = measured(tree, motion.q, motion.qd)
+        energy = jnp.stack([jnp.where(i == 0, found.energy, energy[0]), found.energy])
+        dissipated = jnp.stack([dissipated[1], dissipated[1] + STEP * found.dissipation])
+        qd = motion.qd + STEP * resolve(found.form.dense())
+        moved = STEP * qd + motion.rest
+        q = motion.q + moved
+        return Motion(q, moved - (q - motion.q), qd), energy, dissipated
+
+    none = jnp.full(2, jnp.nan, motion.q.dtype), jnp.zeros(2, motion.q.dtype)
+    end, energy, dissipated = jax.lax.fori_loop(0, steps, step, (motion, *none))
+    return Reading(end, frame_poses(situation.policy.robot, end.q, frames), energy, dissipated)
+
+
+@partial(jax.jit, static_argnames="hand")
+def examine(situation: Situation, motion: Motion, hand: str) -> tuple[Inspection, jax.Array]:
+    """The leaves at one state, and how heavy the hand is: the mean of the policy's metric seen from it,
+    `(J M^-1 J^T)^-1`."""
+    found = inspect(situation.tree(hand), motion.q, motion.qd)
+    J = pushforward(ControlPoints(situation.policy.robot, hand, jnp.zeros((1, 3))), motion.q, motion.qd).J[0]
+    mobility = J @ resolve(NaturalForm(J, jnp.broadcast_to(found.M.sum(0), (3, *found.M.shape[1:])))).T
+    return found, 3 / jnp.trace(mobility)

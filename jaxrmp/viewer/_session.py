@@ -1,0 +1,332 @@
+"""A page with a live arm on it: the server, the policy's loop, what is drawn, and what can be changed."""
+
+import threading
+import time
+from collections import deque
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ..world import RobotSpheres, Spheres, World
+from ._arm import ArmView
+from ._furniture import FurnitureView, camera_of
+from ._inputs import GainSliders, LeafSwitches
+from ._lines import Trace
+from ._live import Motion, Situation, examine
+from ._loop import Frame, LiveLoop
+from ._obstacles import ObstacleGizmos
+from ._plots import Plots
+from ._poses import place, pose_of
+from ._push_gizmo import PushGizmo, push_of
+from ._reach import single
+from ._server import open_server
+from ._switched import switches
+
+_LOOKS = 0.25  # seconds from one look at the leaves to the next
+_FAR = 0.5  # m, beyond which a distance is no news
+_AVOIDING = ("obstacles", "collision_avoidance")  # the names of leaves that keep off obstacles
+
+
+class Content(NamedTuple):
+    """What a session is about. `policy`, with `robot` and `tree(T_world_target, world)`; `T_world_target` [4, 4] and
+    `target`, what it is called; `world`, whose capsules can be dragged; `q` [n], where the arm starts; `hand`, its last
+    frame; `spheres` on the robot; `source`, the robot's file, None for the built-in Panda; `furniture`, a
+    `scenes.Scene` or None; `balls` [N, 3], draggable obstacles, and how many of them are `shown` at first."""
+
+    policy: Any
+    T_world_target: np.ndarray
+    target: str
+    world: World
+    q: np.ndarray
+    hand: str
+    spheres: RobotSpheres | None = None
+    source: str | None = None
+    furniture: Any = None
+    balls: np.ndarray = np.zeros((0, 3))
+    shown: int = 0
+    frames: tuple[str, ...] = ()
+    labels: tuple[str, ...] = ()
+
+
+class Session:
+    """A viser page and the policy that it shows, both running from `start` to `stop`.
+
+    `drawn` counts the frames that the page was told of.
+
+    **Arguments**: `content`; `port`, on 127.0.0.1, 0 for any that is free; `label`, the page's; `folder`, the name of
+    a folder above the tabs, to be filled by who asks for it.
+    **Raises** `ConfigurationError` for a port that cannot be had, `MissingDependencyError` without viser.
+    """
+
+    def __init__(self, content: Content, port: int, label: str, folder: str = ""):
+        self.content = content
+        self.server = server = open_server(port, label)
+        self.drawn = 0
+        self._end = threading.Event()
+        self._failure: BaseException | None = None
+        try:
+            self._build(server, folder)
+        except BaseException:
+            server.stop()
+            raise
+
+    def _build(self, server: Any, folder: str) -> None:
+        content = self.content
+        server.gui.configure_theme(control_width="medium", show_logo=False, show_share_button=False)
+        server.scene.configure_default_lights(cast_shadow=False)  # without a graphics card, five times the pictures
+        server.scene.add_grid("/floor", width=4.0, height=4.0, cell_size=0.1, section_size=0.5, plane="xy")
+        server.scene.world_axes.visible = False
+        server.scene.set_up_direction("+z")
+        eye, looked_at = (1.35, -1.15, 0.95), (0.25, 0.0, 0.35)
+        if content.furniture is not None:
+            eye, looked_at = camera_of(content.furniture)
+        server.initial_camera.position, server.initial_camera.look_at = eye, looked_at
+        policy = single(content.policy)
+        names = switches(policy.tree(content.T_world_target, single(_with_slots(content))))
+        self.leaf_labels = content.labels if len(content.labels) == len(names) else names
+        self.arm = ArmView(server, policy.robot, content.source, content.spheres, (content.hand, *content.frames))
+        self.target = server.scene.add_transform_controls("/target", scale=0.22, line_width=3.0, depth_test=False)
+        place(self.target, content.T_world_target)
+        self.furniture = FurnitureView(server, content.furniture) if content.furniture is not None else None
+        self.trace = Trace(server)
+        self.status = server.gui.add_markdown("compiling the policy ...")
+        self._run_controls(server)
+        self.folder = server.gui.add_folder(folder) if folder else None
+        tabs = server.gui.add_tab_group()
+        with tabs.add_tab("Scene"):
+            self.shown = self._show_controls(server)
+            with server.gui.add_folder("Push the arm"):
+                self.push = PushGizmo(server, np.zeros(3))
+            if len(content.balls) or content.world.size:
+                with server.gui.add_folder("Obstacles"):
+                    self.obstacles = ObstacleGizmos(server, content.balls, content.shown, content.world)
+            else:
+                self.obstacles = None
+        with tabs.add_tab("Gains"):
+            self.gains = GainSliders(server, policy)
+        with tabs.add_tab("Leaves"):
+            server.gui.add_markdown("A leaf switched off counts for nothing, in force and in energy.")
+            self.switches = LeafSwitches(server, names, self.leaf_labels)
+        distances = ("to obstacles",) if self.obstacles else ()
+        distances += ("to furniture",) if self.furniture else ()
+        distances += ("to itself",) if "itself" in names else ()
+        self._distances = distances
+        self.plots = Plots(server, self.leaf_labels, distances)
+        self._kept = _Kept()
+        self.loop = LiveLoop(self.read, content.q, self.arm.frames, content.hand, self.on_frame, self.notify)
+
+    def _run_controls(self, server: Any) -> None:
+        self.play = server.gui.add_button("Pause", icon="player-pause")
+        self.reset = server.gui.add_button("Reset", icon="player-skip-back")
+        self.speed = server.gui.add_slider("speed", 0.1, 4.0, step=0.1, initial_value=1.0)
+
+        @self.play.on_click
+        async def _(_: Any) -> None:
+            self.set_playing(not self.loop.playing)
+
+        @self.reset.on_click
+        async def _(_: Any) -> None:
+            self.restart()
+
+    def _show_controls(self, server: Any) -> dict[str, Any]:
+        boxes = {"hand's trace": True}
+        boxes |= {"collision spheres": False} if self.content.spheres is not None else {}
+        return {name: server.gui.add_checkbox(name, value) for name, value in boxes.items()}
+
+    @property
+    def url(self) -> str:
+        """Where the page is."""
+        return f"http://127.0.0.1:{self.server.get_port()}"
+
+    def start(self) -> None:
+        """Compile the policy and begin to run and draw it."""
+        with ThreadPoolExecutor(1) as other:  # two programs, on two cores
+            looked = other.submit(self._examined, self.read(), self.content.q, np.zeros_like(self.content.q))
+            self.loop.prepare()
+            looked.result()
+        self.loop.start()
+        self._threads = [
+            threading.Thread(target=self._guarded, args=(work,), name=work.__name__, daemon=True)
+            for work in (self._draw, self._look)
+        ]
+        for thread in self._threads:
+            thread.start()
+
+    def stop(self) -> None:
+        """End it all; the page shows that it is gone."""
+        self._end.set()
+        self.loop.stop()
+        for thread in getattr(self, "_threads", []):
+            if thread is not threading.current_thread():
+                thread.join(timeout=60.0)  # one that compiles cannot be ended sooner
+        self.server.stop()
+
+    def wait(self, until_closed: bool = False) -> None:
+        """Return when the session has ended: by `stop`, or, if `until_closed`, three seconds after the last page was
+        closed. **Raises** what ended it otherwise."""
+        last_seen: float | None = None
+        while not self._end.wait(0.2):
+            failure = self._failure or self.loop.failure
+            if failure is not None:
+                raise failure
+            if self.server.get_clients():
+                last_seen = time.monotonic()
+            elif until_closed and last_seen is not None and time.monotonic() - last_seen > 3.0:
+                return
+
+    def set_playing(self, playing: bool) -> None:
+        """Run the policy or hold the arm still."""
+        self.loop.playing = playing
+        self.play.label, self.play.icon = ("Pause", "player-pause") if playing else ("Play", "player-play")
+
+    def restart(self) -> None:
+        """The arm at rest where it started."""
+        self.loop.reset(self.content.q)
+
+    def notify(self, message: str) -> None:
+        """Tell the person something on the page."""
+        self.play.label, self.play.icon = ("Pause", "player-pause") if self.loop.playing else ("Play", "player-play")
+        for client in self.server.get_clients().values():
+            client.add_notification("jaxrmp", message)
+
+    def on_frame(self, frame: Frame) -> None:
+        """Called with every frame, in the policy's thread."""
+
+    def policy(self) -> Any:
+        """The policy with its gains as they stand."""
+        return self.gains.read()
+
+    def read(self) -> Situation:
+        """The situation as the page has it now. The page is read, not listened to: however fast a gizmo is dragged,
+        the policy takes its newest place once a frame."""
+        self.loop.speed = float(self.speed.value)
+        policy = self.policy()
+        T = pose_of(self.target)
+        world = self.obstacles.read() if self.obstacles else self.content.world
+        shares, push = self.switches.read(), self.push.read()
+        kept = self._kept
+        return Situation(
+            kept("policy", id(policy), policy),
+            kept("target", T.tobytes(), T),
+            kept("world", id(world), world),
+            kept("shares", shares.tobytes(), shares),
+            kept("push", (push[0].tobytes(), *push[1:]), push_of(push)),
+        )
+
+    def pose(self, frame: Frame, name: str) -> np.ndarray:
+        """The pose [4, 4] of one of the arm's drawn frames."""
+        return frame.poses[self.arm.frames.index(name)]
+
+    def _guarded(self, work: Any) -> None:
+        try:
+            work()
+        except BaseException as error:
+            if not self._end.is_set():
+                self._failure = error
+
+    def _draw(self) -> None:
+        """Put every new frame on the page."""
+        number, drawn, told = -1, deque[float](), 0.0
+        while not self._end.is_set():
+            frame = self.loop.next_frame(number)
+            if frame.number == number:
+                continue
+            number = frame.number
+            with self.server.atomic():
+                self.draw(frame)
+            now = time.monotonic()
+            drawn.append(now)
+            self.drawn += 1
+            while now - drawn[0] > 1.0:
+                drawn.popleft()
+            if now - told > 0.25:
+                told = now
+                self.status.content = self.status_text(frame, len(drawn))
+
+    def draw(self, frame: Frame) -> None:
+        """What a frame changes on the page."""
+        self.arm.move(frame.poses)
+        hand = self.pose(frame, self.content.hand)[:3, 3]
+        self.push.follow(frame.time, hand)
+        if self.furniture is not None:
+            self.furniture.move(np.asarray(frame.situation.T_world_target, float))
+        if "collision spheres" in self.shown:
+            self.arm.show_spheres(bool(self.shown["collision spheres"].value))
+        self.trace.show(bool(self.shown["hand's trace"].value))
+
+    def status_text(self, frame: Frame, updates: int) -> str:
+        """The line at the top of the controls."""
+        rates = frame.rates
+        running = f"{rates.steps:,.0f} steps/s" if self.loop.playing else "paused"
+        late = f" · **{rates.lost:.1f} s behind**" if rates.lost > 0.05 else ""
+        return f"**{running}** · real time ×{rates.factor:.2f} · {updates} updates/s{late}"
+
+    def _look(self) -> None:
+        """Ask the leaves what they do, a few times a second, and plot it."""
+        at = time.monotonic()
+        while not self._end.is_set():
+            frame = self.loop.frame
+            self.look(frame, *self._examined(frame.situation, frame.q, frame.qd))
+            at = max(at + _LOOKS, time.monotonic())
+            self._end.wait(at - time.monotonic())
+
+    def _examined(self, situation: Situation, q: np.ndarray, qd: np.ndarray) -> tuple[Any, float]:
+        q, qd = np.asarray(q, np.float32), np.asarray(qd, np.float32)
+        found, weight = examine(situation, Motion(q, np.zeros_like(q), qd), self.content.hand)
+        return jax.tree.map(np.asarray, found), float(weight)
+
+    def look(self, frame: Frame, found: Any, weight: float) -> None:
+        """Plot what the inspector found at a frame."""
+        self.push.weight = weight if np.isfinite(weight) else 1.0
+        self.trace.add(self.pose(frame, self.content.hand)[:3, 3])
+        gaps: dict[str, float] = {}
+        shares = dict.fromkeys(self.switches.names, 0.0)
+        for name, share, gap in zip(found.names, found.force_share, found.gap, strict=True):
+            name = name if name in shares else name.partition("[")[0]
+            if name in shares:
+                shares[name] += float(share)
+            gaps[name] = min(gaps.get(name, np.inf), float(gap))
+        distances = []
+        for name in self._distances:
+            if name == "to furniture":
+                T = np.asarray(frame.situation.T_world_target, float)
+                distances.append(self.furniture.clearance(frame.q, T) if self.furniture else _FAR)
+            else:
+                leaf = "itself" if name == "to itself" else None
+                found_gaps = [gap for key, gap in gaps.items() if key == leaf or (leaf is None and key in _AVOIDING)]
+                distances.append(min(found_gaps, default=_FAR))
+        watched = frame.watched
+        energies = (watched.energy, watched.allowed)
+        if np.isfinite(energies).all():
+            near = [min(distance, _FAR) for distance in distances]
+            self.plots.add(frame.time, energies, np.array(list(shares.values())), near)
+        void = [name for name, sure in zip(found.names, found.certified, strict=True) if not sure]
+        state = "certified: V may only fall" if not void else f"not certified: {', '.join(dict.fromkeys(void))}"
+        rises = f"V rose in {watched.violations} frames" if watched.violations else "V has not risen by itself"
+        self.plots.certificate.content = f"{state} · {rises}"
+
+
+class _Kept:
+    """Values as single-precision JAX arrays, carried over anew only when their keys change."""
+
+    def __init__(self):
+        self._values: dict[str, tuple[Any, Any, Any]] = {}
+
+    def __call__(self, name: str, key: Any, value: Any) -> Any:
+        known = self._values.get(name)
+        if known is None or known[0] != key:
+            known = self._values[name] = (key, value, _on_device(value))  # the value too: its identity may be the key
+        return known[2]
+
+
+def _on_device(value: Any) -> Any:
+    return jax.tree.map(lambda a: jnp.asarray(a, bool if np.asarray(a).dtype == bool else jnp.float32), value)
+
+
+def _with_slots(content: Content) -> World:
+    """A world with as many slots as the session's will have."""
+    balls = Spheres.of([((0.0, 0.0, 9.0), 0.1)] * len(content.balls))
+    return World(spheres=balls, capsules=content.world.capsules)

@@ -1,0 +1,261 @@
+"""What pages are made of, without a browser: pace, switches, energy, recordings, gains, shapes, errors."""
+
+import socket
+import sys
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jax.tree_util import Partial
+
+from jaxrmp import Batched, Identity, batched, certificate, pullback
+from jaxrmp._errors import ConfigurationError, DemonstrationError, MissingDependencyError
+from jaxrmp.cli import main
+from jaxrmp.inspection import inspect
+from jaxrmp.kinematics import panda
+from jaxrmp.kinematics._quaternions import rotation_of_quaternion
+from jaxrmp.learning import load_demonstrations
+from jaxrmp.leaves import Attractor, Damping, Posture
+from jaxrmp.viewer._inputs import gain_value, gains_of, with_gain
+from jaxrmp.viewer._live import Reading
+from jaxrmp.viewer._measured import measured
+from jaxrmp.viewer._poses import quaternions
+from jaxrmp.viewer._push import Push
+from jaxrmp.viewer._real_time import RealTime
+from jaxrmp.viewer._recorder import TARGET, Recorder
+from jaxrmp.viewer._server import open_server
+from jaxrmp.viewer._switched import switched, switches
+from jaxrmp.viewer._taught_configuration import write_configuration
+from jaxrmp.viewer._watch import EnergyWatch
+
+
+def tree():
+    goals = batched(Attractor(jnp.ones(2), gain=3.0), Attractor(-jnp.ones(2), gain=2.0))
+    return pullback(Partial(lambda q: jnp.stack([q, 2 * q])), goals) + Posture(jnp.ones(2)) + Damping(1.0, 2.0)
+
+
+Q, QD = jnp.array([0.3, -0.2]), jnp.array([0.5, 0.1])
+
+
+def test_switches_are_named_as_the_inspector_names_leaves():
+    assert switches(tree()) == ("attractor[0]", "attractor[1]", "posture", "damping")
+    shared = pullback(Partial(lambda q: jnp.stack([q, q])), Batched(Attractor(jnp.ones(2)), shared=True)) + Damping()
+    assert switches(shared) == ("attractor", "damping")
+    assert jax.eval_shape(inspect, switched(shared, jnp.ones(2)), Q, QD).names == (
+        "attractor[0]",
+        "attractor[1]",
+        "damping",
+    )
+
+
+def test_switched_leaves_add_up_to_the_tree_and_keep_its_certificate():
+    shares = jnp.array([1.0, 0.0, 0.5, 1.0])
+    with jax.enable_x64(True):
+        part = switched(tree(), shares)
+        rows, after = (jax.jit(inspect)(node, Q, QD) for node in (tree(), part))
+        form = jax.jit(lambda node: node(Q, QD))(part)
+        np.testing.assert_allclose(form.f, shares @ rows.f, rtol=1e-6)
+        np.testing.assert_allclose(form.M, jnp.einsum("r,rij->ij", shares, rows.M), rtol=1e-6)
+        np.testing.assert_allclose(part.energy(Q, QD), shares @ rows.energy, rtol=1e-6)
+        found = jax.jit(certificate)(part, Q, QD)
+        assert found.residual < 1e-6 and found.voided_by == ()
+        np.testing.assert_allclose(after.gap, rows.gap)
+
+
+def test_one_walk_measures_what_the_tree_says_of_itself():
+    found = jax.jit(lambda node: measured(node, Q, QD))(tree())
+    form, energy, dissipation = jax.jit(lambda n: (n(Q, QD), n.energy(Q, QD), n.dissipation(Q, QD)))(tree())
+    np.testing.assert_allclose(found.form.dense().f, form.f, rtol=1e-6)
+    np.testing.assert_allclose(found.form.dense().M, form.M, rtol=1e-6)
+    np.testing.assert_allclose([found.energy, found.dissipation], [energy, dissipation], rtol=1e-6)
+
+
+def test_a_push_is_a_spring_whose_energy_counts():
+    push = Push(jnp.array([0.0, 0.0, 1.0]), 4.0, 3.0)
+    x, xd = jnp.zeros(3), jnp.array([1.0, 0.0, 0.0])
+    assert push(x, xd).f.tolist() == [-3.0, 0.0, 4.0]
+    assert not push(x, xd).M.any()
+    assert float(push.energy(x, xd)) == 2.0
+    found = certificate(pullback(Identity(), push) + Damping(1.0, 1.0), x, xd)
+    assert found.residual < 1e-6
+
+
+def test_the_clock_asks_for_as_many_steps_as_time_has_passed():
+    clock = RealTime(0.001, now=0.0)
+    taken = [clock.due(t, 1.0) for t in np.arange(1, 121) / 60]
+    assert sum(taken) == 2000 and set(taken) == {16, 17}
+    rates = clock.rates()
+    assert rates.steps == pytest.approx(1000, rel=0.02) and rates.factor == pytest.approx(1, rel=0.02)
+    assert rates.frames == pytest.approx(60, rel=0.02) and rates.lost == 0
+    assert clock.due(2.0 + 1 / 60, 2.0) == pytest.approx(33, abs=1)
+    assert clock.due(3.0, 0.0) == 0
+
+
+def test_time_slept_through_is_counted_as_lost_and_not_made_up_for():
+    clock = RealTime(0.001, now=0.0)
+    assert clock.due(2.0, 1.0) == 250
+    assert clock.rates().lost == pytest.approx(1.75)
+    assert clock.due(2.1, 1.0) == 100
+
+
+def reading(start, end, before_last, with_last):
+    return Reading(None, None, np.array([start, end]), np.array([before_last, with_last]))  # type: ignore[arg-type]
+
+
+def test_the_watch_tells_a_rise_from_a_change_from_outside():
+    watch = EnergyWatch()
+    assert watch.see(reading(np.nan, np.nan, 0, 0), changed=True).violations == 0
+    seen = watch.see(reading(1.0, 0.9, 0.1, 0.11), changed=True)
+    assert seen == pytest.approx((0.9, 0.9, 0))
+    seen = watch.see(reading(0.89, 0.8, 0.09, 0.1), changed=False)
+    assert seen == pytest.approx((0.8, 0.8, 0))
+    seen = watch.see(reading(2.0, 1.9, 0.1, 0.1), changed=True)  # the goal was moved
+    assert seen == pytest.approx((1.9, 1.9, 0))
+    seen = watch.see(reading(1.9, 1.95, 0.0, 0.0), changed=False)
+    assert seen.violations == 1
+    assert watch.see(reading(np.nan, np.nan, 0, 0), changed=False) == seen
+
+
+def test_quaternions_turn_back_into_the_rotations():
+    q = np.random.default_rng(0).normal(size=(200, 4))
+    q[:4] = np.eye(4)
+    R = rotation_of_quaternion(q)
+    np.testing.assert_allclose(rotation_of_quaternion(quaternions(R)), R, atol=1e-12)
+    np.testing.assert_allclose(np.linalg.norm(quaternions(R), axis=-1), 1)
+
+
+def sample(recorder, count=60, dt=0.02):
+    for k in range(count):
+        recorder.add(5.0 + k * dt, np.full(7, 0.01 * k), np.array([0.0, 0.0, 0.01 * k]))
+
+
+def test_recordings_are_kept_played_back_and_thrown_away():
+    recorder = Recorder()
+    sample(recorder)
+    recorder.begin()
+    sample(recorder)
+    recorder.add(5.0, np.zeros(7), np.zeros(3))  # time has not gone on
+    recording = recorder.end()
+    assert recording.q.shape == (60, 7) and recording.hand.shape == (60, 3)
+    assert recording.time[0] == 0 and recording.duration == pytest.approx(59 * 0.02)
+    np.testing.assert_allclose(recording.at(0.03), 0.015, rtol=1e-5)
+    assert recording.at(2.0) is None
+    with pytest.raises(DemonstrationError, match="there is no demonstration 3: 1 are recorded"):
+        recorder.discard(2)
+    recorder.discard(0)
+    assert recorder.recordings == []
+
+
+def test_a_recording_without_motion_or_time_is_not_kept():
+    recorder = Recorder()
+    recorder.begin()
+    with pytest.raises(DemonstrationError, match="is not kept: record again"):
+        recorder.end()
+    recorder.begin()
+    for k in range(50):
+        recorder.add(0.02 * k, np.zeros(7), np.zeros(3))
+    with pytest.raises(DemonstrationError, match="nothing moved"):
+        recorder.end()
+    assert recorder.recordings == [] and not recorder.recording
+
+
+def test_a_saved_set_is_one_that_learning_reads(tmp_path):
+    recorder, T = Recorder(), np.eye(4)
+    for k in range(3):
+        T[0, 3] = 0.1 * k
+        recorder.begin(T)
+        sample(recorder)
+        recorder.end()
+    with pytest.raises(DemonstrationError, match="the demonstrations so far have a target frame and this one has none"):
+        recorder.begin()
+    recorder.save(panda(), tmp_path / "cup")
+    found = load_demonstrations(tmp_path / "cup")
+    assert found.joint_names == panda().joint_names and len(found) == 3
+    assert found[2].pose(TARGET)[0, 3] == 0.2
+    np.testing.assert_allclose(found[0].q, recorder.recordings[0].q)
+    with pytest.raises(DemonstrationError, match="is not empty"):
+        recorder.save(panda(), tmp_path / "cup")
+    recorder.discard(2)
+    recorder.discard(1)
+    with pytest.raises(DemonstrationError, match="at least two"):
+        recorder.save(panda(), tmp_path / "one")
+
+
+def test_the_configuration_beside_a_set_can_be_read(tmp_path):
+    from jaxrmp.learning import load_configuration
+
+    for targeted, robot in ((True, "panda"), (False, str(tmp_path / "arm.urdf"))):
+        found = load_configuration(write_configuration(tmp_path / "-a cup", robot, "hand", targeted))
+        assert (found.name, found.object, found.robot) == (
+            "_a_cup"[1:] if False else found.name,
+            TARGET * targeted,
+            robot,
+        )
+        assert [subtask.frame for subtask in found.subtasks] == ["hand"] * 3
+
+
+def test_gains_are_found_and_set_without_changing_their_shape():
+    from jaxrmp.viewer import reach_content
+    from jaxrmp.viewer._reach import single
+
+    policy = single(reach_content(apart=False).policy)
+    assert {"reach.gain", "turn.stiffness", "avoidance.barrier"} <= {gain.path for gain in gains_of(policy)}
+    changed = with_gain(policy, "reach.gain", 9.0)
+    assert gain_value(changed, "reach.gain") == 9.0 and gain_value(policy, "reach.gain") != 9.0
+    assert jax.tree.structure(changed) == jax.tree.structure(policy)
+    like = [(np.shape(a), np.asarray(a).dtype) for a in jax.tree.leaves(policy)]
+    assert [(np.shape(a), np.asarray(a).dtype) for a in jax.tree.leaves(changed)] == like
+
+
+def test_the_arms_shapes_have_the_size_of_its_geometry():
+    pytest.importorskip("trimesh")
+    from jaxrmp.kinematics import PANDA_MODEL
+    from jaxrmp.viewer._shapes import seen, shapes_of
+    from jaxrmp.world._robot_spheres import geometry_of_model
+
+    model = geometry_of_model(PANDA_MODEL)
+    shapes = shapes_of(model, seen(model))
+    (first,) = [s for s in shapes if model.body(s.body).name == "panda_link1"]
+    np.testing.assert_allclose(first.vertices.min(0), [-0.06, -0.06, -0.333 - 0.06], atol=2e-3)
+    np.testing.assert_allclose(first.vertices.max(0), [0.06, 0.06, -0.05 + 0.06], atol=2e-3)
+    assert sum(s.flat for s in shapes) == 2  # the fingers
+    assert all(s.faces.max() < len(s.vertices) for s in shapes)
+
+
+def test_a_port_in_use_is_an_error_that_says_what_to_do():
+    pytest.importorskip("viser")
+    with socket.socket() as other:
+        other.bind(("127.0.0.1", 0))
+        other.listen()
+        port = other.getsockname()[1]
+        with pytest.raises(ConfigurationError, match=f"port {port} cannot be had.*--port 0"):
+            open_server(port, "test")
+    with pytest.raises(ConfigurationError, match="port is 70000"):
+        open_server(70000, "test")
+
+
+def test_without_viser_the_error_says_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, "viser", None)
+    with pytest.raises(MissingDependencyError, match=r"jaxrmp\[viewer\]"):
+        open_server(0, "test")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["view", "--scene", "door"], "belong to a skill"),
+        (["view", "nowhere.npz"], "there is no skill file"),
+        (["view", "nowhere.npz", "--frame", "x"], "a skill has its control points"),
+        (["view", "--robot", "nowhere.urdf"], "nowhere.urdf"),
+        (["view", "--frame", "panda_hnd"], "Did you mean 'panda_hand'"),
+        (["teach", "--robot", "nowhere.urdf", "--out", "x"], "nowhere.urdf"),
+        (["teach", "--out", "full"], "is not empty"),
+    ],
+)
+def test_mistakes_are_explained_before_a_page_is_opened(arguments, message, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "meta.json").write_text("{}")
+    assert main(arguments) == 1
+    assert message in capsys.readouterr().err
