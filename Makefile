@@ -25,7 +25,7 @@ demo: $(VENV)/.installed-demo osmesa
 		echo "No video and pictures: they need OSMesa (as root: apt-get install libosmesa6)."; \
 		$(BIN)/jaxrmp run $(DEMO); \
 	else $(BIN)/jaxrmp run $(DEMO) --video out/drawer_closing/drawer.mp4 --figures out/drawer_closing/figures; fi
-	@echo "The drawer is closed. Skill, reports, video and pictures are in out/drawer_closing."
+	@echo "The drawer is closed. To read: out/drawer_closing/report.html and run.html; skill, video, pictures beside them."
 
 test: $(VENV)/.installed-dev osmesa chromium
 	$(BIN)/python -m pytest -n auto --dist loadfile
