@@ -16,7 +16,7 @@ endif
 export JAX_COMPILATION_CACHE_DIR ?= $(abspath .jax_cache)
 export JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS ?= 0
 
-.PHONY: demo test osmesa chromium check format bench peers clean
+.PHONY: demo test osmesa chromium check format docs bench peers clean
 
 demo: $(VENV)/.installed-demo osmesa
 	$(BIN)/jaxrmp learn configs/drawer_closing.toml --out out/drawer_closing
@@ -25,7 +25,7 @@ demo: $(VENV)/.installed-demo osmesa
 		echo "No video and pictures: they need OSMesa (as root: apt-get install libosmesa6)."; \
 		$(BIN)/jaxrmp run $(DEMO); \
 	else $(BIN)/jaxrmp run $(DEMO) --video out/drawer_closing/drawer.mp4 --figures out/drawer_closing/figures; fi
-	@echo "The drawer is closed. Skill, reports, video and pictures are in out/drawer_closing."
+	@echo "The drawer is closed. To read: out/drawer_closing/report.html and run.html; skill, video, pictures beside them."
 
 test: $(VENV)/.installed-dev osmesa chromium
 	$(BIN)/python -m pytest -n auto --dist loadfile
@@ -50,6 +50,10 @@ check: $(VENV)/.installed-dev
 format: $(VENV)/.installed-dev
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
+
+# The documentation as a site in out/site; `make docs` and open out/site/index.html.
+docs: $(VENV)/.installed-dev
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict --quiet
 
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \

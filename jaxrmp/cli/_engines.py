@@ -28,7 +28,8 @@ def again_with_fast_xla(command_line: list[str]) -> int:
     """
     from ..simulation import FAST_ON_CPU
 
-    print(f"MJX: running in a child process with XLA_FLAGS={FAST_ON_CPU}", file=sys.stderr, flush=True)
+    if "--quiet" not in command_line and "-q" not in command_line:
+        print(f"MJX: running in a child process with XLA_FLAGS={FAST_ON_CPU}", file=sys.stderr, flush=True)
     flags = f"{os.environ.get('XLA_FLAGS', '')} {FAST_ON_CPU}".strip()
     command = [sys.executable, "-m", "jaxrmp", *command_line]
     return subprocess.run(command, env={**os.environ, "XLA_FLAGS": flags}, check=False).returncode

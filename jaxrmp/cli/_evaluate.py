@@ -1,7 +1,6 @@
 """`jaxrmp evaluate`: roll a skill out from thousands of starts and report how stable it is."""
 
 import argparse
-import io
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -56,7 +55,7 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
         print(_replayed(arguments, found))
         return
     began = time.perf_counter()
-    with progress_bar() as show:
+    with progress_bar(arguments.quiet) as show:
         show(f"{len(starts)} rollouts ({engine.name})", 0.0)
         evaluation = evaluate(
             engine,
@@ -201,11 +200,6 @@ def _replayed(arguments: argparse.Namespace, found: Any) -> str:
 
 
 def _pictures(evaluation: Any) -> dict[str, tuple[bytes, str]]:
-    from ..visualization import evaluation_figures
+    from ..visualization import evaluation_figures, png
 
-    pictures = {}
-    for heading, (figure, caption) in evaluation_figures(evaluation).items():
-        buffer = io.BytesIO()
-        figure.savefig(buffer, format="png", dpi=110)
-        pictures[heading] = (buffer.getvalue(), caption)
-    return pictures
+    return {name: (png(figure), caption) for name, (figure, caption) in evaluation_figures(evaluation).items()}

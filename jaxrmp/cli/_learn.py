@@ -7,6 +7,7 @@ from ..learning import Learning, learn, learning_report, load_configuration, rep
 from ..visualization import save_learning_figures, save_reproduction_figures
 from ._output import error_table, made_by, progress_bar, write_json
 from ._overrides import parse_overrides
+from ._report_pages import learning_page, pictures_in
 from ._reproduce import result_dict
 from ._sources import default_demonstrations, find_demonstrations, robot_of
 
@@ -17,20 +18,25 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
     demonstrations = find_demonstrations(arguments.demos or default_demonstrations(configuration.name))
     out = arguments.out or Path("out") / configuration.name
     out.mkdir(parents=True, exist_ok=True)
-    with progress_bar() as progress:
+    with progress_bar(arguments.quiet) as progress:
         learning = learn(configuration, robot, demonstrations, progress)
-        write_json(made_by("learn", configuration, demonstrations.source), out / "made_by.json")
+        made = made_by("learn", configuration, demonstrations.source)
+        write_json(made, out / "made_by.json")
         skill_file = save_skill(learning.skill, out / f"{configuration.name}.skill.npz")
         progress("reproducing", 0.0)
         reproduction = reproduce(learning.skill, robot, learning.prepared)
         result = result_dict(reproduction, learning.skill, demonstrations.source)
-        write_json({**learning_report(learning), "reproduction": result}, out / "learning_report.json")
+        report = {**learning_report(learning), "reproduction": result}
+        write_json(report, out / "learning_report.json")
+        if arguments.json:
+            write_json({"skill_file": str(skill_file), **report}, arguments.json)
         progress("drawing", 0.5)
-        save_learning_figures(learning, out / "figures")
-        save_reproduction_figures(learning.prepared, reproduction, out / "figures")
+        drawn = save_learning_figures(learning, out / "figures")
+        drawn += save_reproduction_figures(learning.prepared, reproduction, out / "figures")
+        learning_page(report, made, pictures_in(drawn), out / "report.html")
     print(_summary(learning))
     print(error_table(result))
-    print(f"skill written to {skill_file}; report and pictures beside it")
+    print(f"skill written to {skill_file}; the report to read is {out / 'report.html'}")
 
 
 def _summary(learning: Learning) -> str:

@@ -17,7 +17,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if rest and not getattr(parsed, "takes_overrides", False):
         parser.error(f"unrecognized arguments: {' '.join(rest)}")
     parsed.command_line = list(sys.argv[1:] if arguments is None else arguments)
-    _keep_compiled_programs()
+    if parsed.command != "completion":
+        _keep_compiled_programs()
     try:
         importlib.import_module(f"._{parsed.command}", __package__).run(parsed, rest)
     except JaxrmpError as error:

@@ -17,8 +17,12 @@ _PACKAGES = ("jaxrmp", "jax", "jaxlib", "numpy", "flax", "optax", "cvxpy", "clar
 
 
 @contextlib.contextmanager
-def progress_bar() -> Iterator[Callable[[str, float], None]]:
-    """A function `(step, fraction)` that draws a bar for each step of a command; without a terminal, a line a step."""
+def progress_bar(quiet: bool = False) -> Iterator[Callable[[str, float], None]]:
+    """A function `(step, fraction)` that draws a bar for each step of a command; without a terminal, a line a step; if
+    `quiet`, nothing."""
+    if quiet:
+        yield lambda step, fraction: None
+        return
     if not sys.stderr.isatty():
         yield _progress_lines()
         return

@@ -6,6 +6,8 @@ from pathlib import Path
 from .. import __version__
 
 EXIT_CODES = "exit codes: 0 done, 1 an error that the message explains, 2 wrong usage, 130 interrupted"
+TASKS = ("drawer_closing", "door_reaching")
+SCENES = ("drawer", "drawer_obstacle", "door")
 DEMOS = "a folder of demonstrations, or synthetic:TASK; default "
 
 
@@ -23,6 +25,9 @@ def build_parser() -> argparse.ArgumentParser:
     _add_demonstrate(commands)
     _add_view(commands)
     _add_teach(commands)
+    _add_completion(commands)
+    for command in commands.choices.values():
+        command.add_argument("-q", "--quiet", action="store_true", help="show no progress, results and errors only")
     return parser
 
 
@@ -38,6 +43,9 @@ def _add_learn(commands) -> None:
     parser.add_argument("config", metavar="CONFIG", help="TOML configuration, such as configs/drawer_closing.toml")
     parser.add_argument("--demos", metavar="DIR", help=DEMOS + "$JAXRMP_DATA/franka/NAME if set, else synthetic")
     parser.add_argument("--out", metavar="DIR", type=Path, help="output folder, default out/NAME")
+    parser.add_argument(
+        "--json", metavar="FILE", type=Path, help="write the report here as well, with the skill's file"
+    )
     parser.set_defaults(takes_overrides=True)
 
 
@@ -76,12 +84,15 @@ def _add_run(commands) -> None:
         epilog="example: jaxrmp run out/drawer_closing/drawer_closing.skill.npz --scene drawer --video out/drawer.mp4",
     )
     parser.add_argument("skill", metavar="SKILL", help="skill file written by jaxrmp learn")
-    parser.add_argument("--scene", choices=("drawer", "drawer_obstacle", "door"), required=True, help="where")
+    parser.add_argument("--scene", choices=SCENES, required=True, help="where")
     parser.add_argument("--trials", metavar="N", type=int, default=6, help="how many trials, default 6")
     parser.add_argument("--trial", metavar="K", type=int, help="run trial K of these alone: replays it")
     parser.add_argument("--displace", action="store_true", help="move the object by 10 cm during execution")
     parser.add_argument("--demos", metavar="DIR", help=DEMOS + "those it was learned from")
-    parser.add_argument("--json", metavar="FILE", type=Path, help="write the outcomes as JSON")
+    parser.add_argument(
+        "--json", metavar="FILE", type=Path, help="write the outcomes as JSON, and their page beside it"
+    )
+    parser.add_argument("--html", metavar="FILE", type=Path, help="write the page, default beside --json")
     parser.add_argument("--video", metavar="FILE", type=Path, help="film the first three trials: .mp4 or .gif")
     parser.add_argument("--figures", metavar="DIR", type=Path, help="draw the trials")
     parser.add_argument("--seed", metavar="S", type=int, default=0, help="random seed, default 0")
@@ -112,7 +123,7 @@ def _add_run(commands) -> None:
 def _add_evaluate(commands) -> None:
     parser = commands.add_parser(
         "evaluate",
-        help="roll a skill out from thousands of starts and report how stable it is",
+        help="roll a skill out from thousands of starts and judge it",
         description="Rollouts of the whole policy from many initial configurations, all at once: how each ends, rest "
         "points away from the goal, energy, clearance, joint limits, and stability as mathematics.",
         epilog="example: jaxrmp evaluate out/drawer_closing/drawer_closing.skill.npz --starts 4096 --json report.json",
@@ -134,7 +145,7 @@ def _add_evaluate(commands) -> None:
         default="kinematic",
         help="what moves the joints: the policy itself (default), native MuJoCo, or MJX",
     )
-    parser.add_argument("--scene", metavar="NAME", help="drawer, drawer_obstacle or door; default the arm alone")
+    parser.add_argument("--scene", metavar="NAME", help=f"{', '.join(SCENES)}; default the arm alone")
     parser.add_argument("--robot", metavar="FILE", help="robot file, if it is no longer where the skill was learned")
     parser.add_argument("--dt", metavar="S", type=float, default=0.001, help="seconds a step, default 0.001")
     parser.add_argument(
@@ -167,7 +178,7 @@ def _add_demonstrate(commands) -> None:
         description="Write demonstrations of the scripted demonstrator, in the layout that jaxrmp learn --demos reads.",
         epilog="example: jaxrmp demonstrate drawer_closing out/demonstrations",
     )
-    parser.add_argument("task", metavar="TASK", help="drawer_closing or door_reaching")
+    parser.add_argument("task", metavar="TASK", help=" or ".join(TASKS))
     parser.add_argument("out", metavar="OUT", type=Path, help="folder to write to")
     parser.add_argument("--count", metavar="N", type=int, default=6, help="how many demonstrations, default 6")
     parser.add_argument("--seed", metavar="S", type=int, default=0, help="random seed, default 0")
@@ -186,7 +197,7 @@ def _add_view(commands) -> None:
     parser.add_argument("skill", metavar="SKILL", nargs="?", help="skill file; default a hand-designed policy")
     parser.add_argument("--robot", metavar="FILE", help="MJCF or URDF file, default the Panda, or the skill's robot")
     parser.add_argument("--frame", metavar="NAME", help="without SKILL: the frame that is taken to the goal")
-    parser.add_argument("--scene", choices=("drawer", "drawer_obstacle", "door"), help="furniture around the skill")
+    parser.add_argument("--scene", choices=SCENES, help="furniture around the skill")
     parser.add_argument("--demos", metavar="DIR", help=DEMOS + "those it was learned from")
     parser.add_argument("--balls", metavar="N", type=int, choices=(0, 1, 2), help="draggable obstacles, default 1")
     _add_page(parser)
@@ -210,3 +221,13 @@ def _add_teach(commands) -> None:
 def _add_page(parser) -> None:
     parser.add_argument("--port", metavar="P", type=int, default=8080, help="on 127.0.0.1; default 8080, 0 for any")
     parser.add_argument("--until-closed", action="store_true", help="end when the page is closed, not by Ctrl-C only")
+
+
+def _add_completion(commands) -> None:
+    parser = commands.add_parser(
+        "completion",
+        help="print a script that makes a shell complete all this",
+        description="Print a script that completes commands, options and their values in a shell.",
+        epilog="example: jaxrmp completion bash > ~/.local/share/bash-completion/completions/jaxrmp",
+    )
+    parser.add_argument("shell", metavar="SHELL", choices=("bash", "zsh", "fish"), help="bash, zsh or fish")

@@ -29,7 +29,7 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
     robot = robot_of(configuration)
     skill.check_robot(robot)
     demonstrations = demonstrations_of(skill, arguments.demos)
-    with progress_bar() as progress:
+    with progress_bar(arguments.quiet) as progress:
         progress("preparing", 0.0)
         prepared = prepare(configuration, robot, demonstrations)
         progress("reproducing", 0.3)

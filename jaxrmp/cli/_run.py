@@ -29,8 +29,16 @@ from ..simulation import (
     sample_trials,
     whole_arm_policy,
 )
-from ..visualization import prepare_headless, save_physics_figures, save_video
+from ..visualization import (
+    physics_figure,
+    png,
+    prepare_headless,
+    save_physics_figures,
+    save_video,
+    triangle_figure,
+)
 from ._output import made_by, progress_bar, write_json
+from ._report_pages import FIGURES, pictures_in, run_page
 from ._sources import demonstrations_of
 
 
@@ -42,7 +50,7 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
     scene = build_scene(arguments.scene, T_world_object=np.asarray(skill.T_world_object, float))
     skill.check_robot(scene.robot)
     demonstrations = demonstrations_of(skill, arguments.demos)
-    with progress_bar() as progress:
+    with progress_bar(arguments.quiet) as progress:
         progress("preparing", 0.0)
         prepared = prepare(skill.configuration, scene.robot, demonstrations)
         trials = sample_trials(
@@ -76,11 +84,19 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
         if arguments.video:
             progress("filming", 0.0)
             save_video(result, arguments.video)
-        if arguments.figures:
+        page = arguments.html or (arguments.json and arguments.json.with_suffix(".html"))
+        if page or arguments.figures:
             progress("drawing", 0.5)
-            configuration = skill.configuration
-            write_json(made_by("run", configuration, demonstrations.source), arguments.figures / "made_by.json")
-            save_physics_figures(result, prepared, _as_reproduction(skill, prepared, result), arguments.figures)
+            made = made_by("run", skill.configuration, demonstrations.source)
+            reproduction = _as_reproduction(skill, prepared, result)
+            drawn = []
+            if arguments.figures:
+                write_json(made, arguments.figures / "made_by.json")
+                drawn = save_physics_figures(result, prepared, reproduction, arguments.figures)
+            if page:
+                settings = {"skill": str(arguments.skill), "learned_from": skill.source, **_settings(arguments)}
+                figures = pictures_in(drawn) or _figures(result, prepared, reproduction)
+                run_page({**report, "settings": settings}, made, figures, page)
     print(outcome_table(report))
     diverged = [t["trial"] for t in report["per_trial"] if t["diverged"]]
     if diverged:
@@ -88,6 +104,23 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
         if arguments.strict:
             raise RolloutError(message)
         print(f"jaxrmp: {message}", file=sys.stderr)
+
+
+def _settings(arguments: argparse.Namespace) -> dict[str, Any]:
+    """The options that decide what happens, for the page."""
+    decisive = ("scene", "trial", "trials", "displace", "seed", "limit", "interface", "learned_rate")
+    named = (*decisive, *(name for name in vars(arguments) if name.startswith("tracker")))
+    return {name: getattr(arguments, name) for name in named}
+
+
+def _figures(
+    result: Run, prepared: PreparedDemonstrations, reproduction: Reproduction | None
+) -> dict[str, tuple[bytes, str]]:
+    """Pictures for the page where no others are asked for: those that need no drawing of the scene."""
+    figures = {"physics": physics_figure(result)}
+    if reproduction is not None:
+        figures["triangles"] = triangle_figure(prepared, reproduction)
+    return {FIGURES[name][0]: (png(figure), FIGURES[name][1]) for name, figure in figures.items()}
 
 
 def check_scene(skill: Skill, scene: str) -> None:

@@ -9,6 +9,7 @@ from ._plane import Plane as Plane
 from ._plane import PlaneField as PlaneField
 from ._plane import demonstration_plane as demonstration_plane
 from ._plane import field_on_plane as field_on_plane
+from ._save import png as png
 from ._save import save_learning_figures as save_learning_figures
 from ._save import save_physics_figures as save_physics_figures
 from ._save import save_reproduction_figures as save_reproduction_figures

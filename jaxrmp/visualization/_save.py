@@ -1,5 +1,6 @@
 """Figures as files."""
 
+import io
 import os
 import re
 from pathlib import Path
@@ -69,6 +70,13 @@ def save_physics_figures(
     if reproduction is not None:
         paths.append(_save(triangle_figure(prepared, reproduction), folder / "triangles_in_physics.png"))
     return paths
+
+
+def png(figure: "Figure", dpi: int = 110) -> bytes:
+    """A figure as the bytes of a PNG file, for a page."""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=dpi)
+    return buffer.getvalue()
 
 
 def _save(figure: "Figure", path: Path) -> Path:

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -36,7 +37,8 @@ def demos(tmp_path_factory) -> str:
 @pytest.fixture(scope="module")
 def learned(demos, tmp_path_factory) -> Path:
     out = tmp_path_factory.mktemp("learned")
-    assert main(["learn", CONFIG, "--demos", demos, "--out", str(out), *FAST]) == 0
+    command = ["learn", CONFIG, "--demos", demos, "--out", str(out), "--json", str(out / "learned.json")]
+    assert main([*command, *FAST]) == 0
     return out
 
 
@@ -45,6 +47,8 @@ def test_learn_writes_skill_report_pictures_and_what_made_them(learned, demos):
         "drawer_closing.skill.npz",
         "learning_report.json",
         "made_by.json",
+        "report.html",
+        "learned.json",
         "figures",
     }
     made_by = json.loads((learned / "made_by.json").read_text())
@@ -53,6 +57,19 @@ def test_learn_writes_skill_report_pictures_and_what_made_them(learned, demos):
     report = json.loads((learned / "learning_report.json").read_text())
     assert len(report["demonstrations"]) == 6
     assert report["reproduction"]["mean"]["goal_cm"] < 0.5
+    told = json.loads((learned / "learned.json").read_text())
+    assert Path(told.pop("skill_file")) == learned / "drawer_closing.skill.npz"
+    assert told == report
+
+
+def test_what_was_learned_is_a_page_that_needs_nothing_else(learned):
+    page = (learned / "report.html").read_text(encoding="utf-8")
+    assert not re.search(r"(src|href)=\"(?!data:)", page)
+    assert page.count("data:image/png;base64,") == len(list((learned / "figures").glob("*.png"))) == 7
+    mean = json.loads((learned / "learning_report.json").read_text())["reproduction"]["mean"]
+    assert f"<td>mean</td><td>{mean['dtw_cm']:.2f}</td>" in page
+    assert "<td>metric.updates</td><td>100</td>" in page
+    assert all(f"The learned field: {name}" in page for name in ("gripper", "left fingertip", "right fingertip"))
 
 
 def test_reproduce_prints_and_writes_the_same_errors(learned, demos, tmp_path, capsys):
@@ -119,8 +136,14 @@ def test_run_closes_the_drawer_in_physics(learned, tmp_path, capsys):
     keys = {"success", "reason", "final_error_m", "min_clearance_m", "saturated", "diverged"}
     assert all(keys <= set(t) for t in report["per_trial"])
     assert all(t["final_error_m"] < 0.005 for t in report["per_trial"] if t["success"])
-    assert f"{report['successes']} of 7 trials succeeded in scene drawer" in capsys.readouterr().out
-    assert main([*command, "--trial", "6", "--json", str(file)]) == 0
+    printed = capsys.readouterr()
+    assert f"{report['successes']} of 7 trials succeeded in scene drawer" in printed.out
+    assert "running ..." in printed.err
+    page = file.with_suffix(".html").read_text(encoding="utf-8")
+    assert page.count("data:image/png;base64,") == 2 and not re.search(r"(src|href)=\"(?!data:)", page)
+    assert f"{report['successes']} of 7 trials succeeded" in page and "<td>seed</td><td>0</td>" in page
+    assert main([*command, "--quiet", "--trial", "6", "--json", str(file)]) == 0
+    assert capsys.readouterr().err == ""
     (replayed,) = json.loads(file.read_text())["per_trial"]
     assert replayed["trial"] == 6
     assert replayed["time_s"] == pytest.approx(report["per_trial"][6]["time_s"], abs=0.1)
@@ -196,7 +219,9 @@ def test_wrong_usage_exits_with_two(capsys):
 
 def test_help_fits_a_screen_and_every_command_has_an_example(capsys):
     assert len(build_parser().format_help().splitlines()) <= 24
-    for command in ("learn", "reproduce", "run", "demonstrate", "view", "teach"):
+    commands = re.findall(r"^    (\w+)", build_parser().format_help(), re.MULTILINE)
+    assert len(commands) >= 6
+    for command in commands:
         with pytest.raises(SystemExit):
             main([command, "--help"])
         assert f"example: jaxrmp {command}" in capsys.readouterr().out

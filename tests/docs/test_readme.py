@@ -1,4 +1,4 @@
-"""README and CONTRIBUTING put to the test: their code runs, their commands parse, their links lead somewhere."""
+"""README, CONTRIBUTING and docs/ put to the test: their code runs, their commands parse, their links lead somewhere."""
 
 import dataclasses
 import re
@@ -14,12 +14,12 @@ from jaxrmp.learning import Configuration
 
 ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
+COMMANDS = (ROOT / "docs" / "command_line.md").read_text(encoding="utf-8")
 CONTRIBUTING = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+GUIDES = sorted((ROOT / "docs" / "guides").glob("*.md"))
 TEXTS = [
-    "README.md",
-    "CONTRIBUTING.md",
-    "CHANGELOG.md",
-    *(f"docs/{p.name}" for p in sorted((ROOT / "docs").glob("*.md"))),
+    *("README.md", "CONTRIBUTING.md", "CHANGELOG.md"),
+    *(p.relative_to(ROOT).as_posix() for p in sorted((ROOT / "docs").rglob("*.md"))),
 ]
 
 
@@ -28,7 +28,7 @@ def code_blocks(text: str, language: str) -> list[str]:
 
 
 def command_lines(program: str) -> list[str]:
-    lines = "\n".join(code_blocks(README, "sh")).splitlines()
+    lines = "\n".join(code_blocks(README, "sh") + code_blocks(COMMANDS, "sh")).splitlines()
     return [line for line in lines if line.startswith(program + " ")]
 
 
@@ -40,14 +40,13 @@ def run_blocks(text: str, name: str) -> dict:
     return namespace
 
 
-def test_readme_commands_run(monkeypatch, tmp_path, capsys, can_draw):
-    """Each `jaxrmp` line of the section Commands, in order, in an empty folder, with less work than it would do."""
+def test_commands_run(monkeypatch, tmp_path, capsys, can_draw):
+    """Each `jaxrmp` line of docs/command_line.md, in order, in an empty folder, with less work than it would do."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("JAXRMP_DATA", raising=False)
     (tmp_path / "configs").symlink_to(ROOT / "configs")
-    section = README.split("## Commands")[1].split("## ")[0]
-    lines = [line for block in code_blocks(section, "sh") for line in block.splitlines()]
-    assert len(lines) >= 4
+    lines = "".join(code_blocks(COMMANDS, "sh")).splitlines()
+    assert len(lines) >= 5 and {line for line in command_lines("jaxrmp") if line in README} <= set(lines)
     for line in lines:
         arguments = shlex.split(line)[1:]
         if arguments[0] == "learn":
@@ -86,6 +85,12 @@ def test_readme_code_runs(monkeypatch, capsys):
     assert "Certificate(" in capsys.readouterr().out
 
 
+@pytest.mark.parametrize("path", GUIDES, ids=lambda p: p.stem)
+def test_guides_code_runs(path):
+    """What a guide says its code does, it asserts."""
+    run_blocks(path.read_text(encoding="utf-8"), path.stem)
+
+
 def test_contributing_leaf_passes_its_own_tests():
     namespace = run_blocks(CONTRIBUTING, "contributing")
     tests = [value for name, value in namespace.items() if name.startswith("test_")]
@@ -102,6 +107,14 @@ def test_commands_parse(line):
     assert not rest or parsed.takes_overrides
     configuration = getattr(parsed, "config", None)
     assert configuration is None or (ROOT / configuration).is_file()
+
+
+def test_every_command_is_documented():
+    text = (ROOT / "docs" / "command_line.md").read_text(encoding="utf-8")
+    commands = re.findall(r"^    (\w+)", build_parser().format_help(), re.MULTILINE)
+    assert len(commands) >= 6
+    for command in commands:
+        assert f"| `jaxrmp {command}" in text, command
 
 
 def test_there_are_commands_to_check():
