@@ -66,6 +66,8 @@ class Session:
         self.server = server = open_server(port, label)
         self.drawn = 0
         self._end = threading.Event()
+        self._opened = threading.Event()  # whether there ever was a page
+        server.on_client_connect(lambda _: self._opened.set())
         self._failure: BaseException | None = None
         try:
             self._build(server, folder)
@@ -167,14 +169,14 @@ class Session:
     def wait(self, until_closed: bool = False) -> None:
         """Return when the session has ended: by `stop`, or, if `until_closed`, three seconds after the last page was
         closed. **Raises** what ended it otherwise."""
-        last_seen: float | None = None
+        last_seen = time.monotonic()
         while not self._end.wait(0.2):
             failure = self._failure or self.loop.failure
             if failure is not None:
                 raise failure
             if self.server.get_clients():
                 last_seen = time.monotonic()
-            elif until_closed and last_seen is not None and time.monotonic() - last_seen > 3.0:
+            elif until_closed and self._opened.is_set() and time.monotonic() - last_seen > 3.0:
                 return
 
     def set_playing(self, playing: bool) -> None:
