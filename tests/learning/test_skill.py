@@ -130,7 +130,7 @@ def test_files_that_are_no_whole_skill_of_this_version_are_refused(skill, tmp_pa
         header = json.loads(arrays.pop("header.json").tobytes())
         if damage == "version":
             header["version"] = 99
-            expected = "version 99; this jaxrmp .* reads 'jaxrmp skill' version 2"
+            expected = "version 99; this jaxrmp .* reads 'jaxrmp skill' version 3"
         elif damage == "extra":
             header["mystery"] = 1
             expected = "missing or unknown: .*mystery"

@@ -123,6 +123,7 @@ def test_with_every_leaf_off_the_arm_stands_still_and_says_why(viewer, page_of):
         set_control(page, box, True)
     page.click("Play", lambda: viewer.loop.playing)
     page.click("Pause", lambda: not viewer.loop.playing)
+    page.page.wait_for_timeout(300)  # steps that were under way
     time = viewer.loop.frame.time
     start = np.asarray(viewer.content.q, float)
     page.click("Reset", lambda: np.abs(viewer.loop.frame.q - start).max() < 1e-5)
