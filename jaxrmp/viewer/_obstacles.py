@@ -28,11 +28,11 @@ class ObstacleGizmos:
             )
             scene.add_icosphere(f"/ball_{k + 1}/ball", radius=BALL_RADIUS, color=_COLOUR)
             self._balls.append(gizmo)
-        assert world.capsules is not None
-        rows = np.flatnonzero(np.asarray(world.capsules.active))
+        capsules = Capsules.of([]) if world.capsules is None else world.capsules
+        rows = np.flatnonzero(np.asarray(capsules.active))
         for k, row in enumerate(rows):
-            ends = np.stack([np.asarray(world.capsules.start)[row], np.asarray(world.capsules.end)[row]])
-            middle, radius = ends.mean(0), float(np.asarray(world.capsules.radius)[row])
+            ends = np.stack([np.asarray(capsules.start)[row], np.asarray(capsules.end)[row]])
+            middle, radius = ends.mean(0), float(np.asarray(capsules.radius)[row])
             gizmo = scene.add_transform_controls(
                 f"/capsule_{k + 1}",
                 scale=0.25,

@@ -259,3 +259,16 @@ def test_mistakes_are_explained_before_a_page_is_opened(arguments, message, caps
     (tmp_path / "full" / "meta.json").write_text("{}")
     assert main(arguments) == 1
     assert message in capsys.readouterr().err
+
+
+def test_the_hand_designed_policy_has_balls_to_drag_in_a_world_without_anything_else():
+    pytest.importorskip("viser")
+    from jaxrmp.viewer import Viewer, reach_content
+
+    viewer = Viewer(reach_content(balls=2), port=0)
+    try:
+        world = viewer.obstacles.read()
+        assert world.spheres is not None and np.asarray(world.spheres.active).tolist() == [True, False]
+        assert world.capsules is None
+    finally:
+        viewer.server.stop()
