@@ -24,7 +24,8 @@ def static(**kwargs: Any) -> Any:
 def pytree(cls: type[T]) -> type[T]:
     """Make `cls` a frozen dataclass and register it with JAX.
 
-    Unflattening goes round `__init__`: JAX rebuilds values with placeholders where arrays were, and what
+    What a value is made of is what `dataclasses.fields` names: beside those, its `__dict__` keeps what flattening it
+    found. Unflattening goes round `__init__`: JAX rebuilds values with placeholders where arrays were, and what
     `__post_init__` checks about a user's arguments does not hold for those.
     """
     cls = dataclasses.dataclass(frozen=True, eq=False)(cls)

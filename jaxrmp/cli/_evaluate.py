@@ -2,7 +2,7 @@
 
 import argparse
 import time
-from dataclasses import replace
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -27,15 +27,10 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
     import jax
 
     from ..evaluation import check_starts, evaluate, limit_leaf, replay, report, sample_starts, write_page
-    from ..learning import load_skill
     from ..simulation import StopCriteria
-    from ._sources import robot_of
+    from ._sources import skill_and_robot
 
-    skill = load_skill(arguments.skill)
-    configuration = skill.configuration
-    if arguments.robot:
-        configuration = replace(configuration, robot=arguments.robot)
-    robot = robot_of(configuration)
+    skill, robot = skill_and_robot(arguments.skill, arguments.robot)
     criteria = StopCriteria(tolerance=arguments.tolerance, duration=arguments.duration)
     engine, problem = engine_of(arguments, skill, robot, criteria)
     limits = limit_leaf(skill, robot)
@@ -47,7 +42,7 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
         if count > len(starts) and arguments.replay is not None:
             raise ConfigurationError(f"--replay {arguments.replay}: {arguments.start_file} has {len(starts)} starts.")
     elif arguments.around:
-        starts = _around(arguments, problem, skill, configuration, robot, count)
+        starts = _around(arguments, problem, skill, robot, count)
     else:
         starts = sample_starts(problem, count, seed=arguments.seed, margin=arguments.margin)
     if arguments.replay is not None:
@@ -83,16 +78,16 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
         "processes": jax.process_count(),
         "devices": jax.device_count(),
         "seconds": round(time.perf_counter() - began, 1),
-        **vars(evaluation.criteria),
+        **asdict(evaluation.criteria),
     }
-    found["made_by"] = made_by("evaluate", configuration, skill.source)["versions"]
+    found["made_by"] = made_by("evaluate", skill.configuration, skill.source)["versions"]
     page = arguments.html or (arguments.json and arguments.json.with_suffix(".html"))
     if arguments.json:
         write_json(found, arguments.json)
     if arguments.save:
         _save_ends(evaluation, arguments.save)
     if page:
-        title = f"{configuration.name}: {len(starts)} starts, {engine.name}"
+        title = f"{skill.configuration.name}: {len(starts)} starts, {engine.name}"
         write_page(found, _pictures(evaluation), page, title=title)
     print(summary(found))
     if arguments.strict and found["failing_starts"]:
@@ -156,12 +151,12 @@ def _save_ends(evaluation: Any, path: Path) -> None:
         )
 
 
-def _around(arguments, problem, skill, configuration, robot, count):
+def _around(arguments, problem, skill, robot, count):
     from ..evaluation import starts_around
     from ..learning import prepare
     from ._sources import demonstrations_of
 
-    prepared = prepare(configuration, robot, demonstrations_of(skill, arguments.demos))
+    prepared = prepare(skill.configuration, robot, demonstrations_of(skill, arguments.demos))
     firsts = np.stack([q[0] for q in prepared.joints.q])
     return starts_around(problem, firsts, count, spread=arguments.around, seed=arguments.seed, margin=arguments.margin)
 

@@ -3,6 +3,7 @@
 import threading
 import time
 from collections.abc import Callable
+from dataclasses import fields
 from typing import NamedTuple
 
 import jax
@@ -160,4 +161,4 @@ class LiveLoop:
     @staticmethod
     def _parts(situation: Situation) -> tuple[int, ...]:
         """What a situation is made of: the page gives the same objects until one of them changes."""
-        return tuple(id(part) for part in vars(situation).values())
+        return tuple(id(getattr(situation, field.name)) for field in fields(situation))

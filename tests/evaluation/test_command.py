@@ -79,7 +79,9 @@ def test_the_report_holds_what_a_reviewer_asks_for(report):
     assert -0.3 < found["min_clearance_m"] < 0.5
     assert sum(r["starts"] for r in found["regions"]) == 24  # by side, and by distance
     assert found["failing_starts"] == len(found["failing"])
-    assert found["settings"]["physics"] == "kinematic" and found["settings"]["seed"] == 4
+    settings = found["settings"]
+    assert settings["physics"] == "kinematic" and settings["seed"] == 4
+    assert settings["rest_seconds"] == 1.0 and not [name for name in settings if name.startswith("_")]
 
 
 def test_every_start_and_end_can_be_saved(report):

@@ -2,6 +2,7 @@
 
 import socket
 import sys
+from dataclasses import replace
 
 import jax
 import jax.numpy as jnp
@@ -18,11 +19,12 @@ from jaxrmp.kinematics._quaternions import rotation_of_quaternion
 from jaxrmp.learning import load_demonstrations
 from jaxrmp.leaves import Attractor, Damping, Posture
 from jaxrmp.viewer._inputs import gain_value, gains_of, with_gain
-from jaxrmp.viewer._live import Reading
+from jaxrmp.viewer._live import Reading, Situation
+from jaxrmp.viewer._loop import LiveLoop
 from jaxrmp.viewer._measured import measured
 from jaxrmp.viewer._poses import quaternions
 from jaxrmp.viewer._push import Push
-from jaxrmp.viewer._real_time import RealTime
+from jaxrmp.viewer._real_time import Rates, RealTime
 from jaxrmp.viewer._recorder import TARGET, Recorder
 from jaxrmp.viewer._server import open_server
 from jaxrmp.viewer._switched import switched, switches
@@ -259,6 +261,25 @@ def test_mistakes_are_explained_before_a_page_is_opened(arguments, message, caps
     (tmp_path / "full" / "meta.json").write_text("{}")
     assert main(arguments) == 1
     assert message in capsys.readouterr().err
+
+
+def test_the_loop_tells_the_watch_of_a_change_from_outside_and_of_no_other(monkeypatch):
+    pytest.importorskip("viser")
+    from jaxrmp.viewer import reach_content
+
+    content = reach_content(balls=0, apart=False)
+    shares = np.ones(len(switches(content.policy.tree(content.T_world_target, content.world))), np.float32)
+    push = Push(np.zeros(3, np.float32), np.float32(0), np.float32(0))
+    goal = content.T_world_target.astype(np.float32)
+    given = [Situation(content.policy, goal, content.world, shares, push)]
+    loop = LiveLoop(lambda: replace(given[-1]), content.q, ("panda_hand",), content.hand)
+    told, see = [], loop._watch.see
+    monkeypatch.setattr(loop._watch, "see", lambda reading, changed: told.append(changed) or see(reading, changed))
+    for moved in (False, False, True, False):
+        if moved:
+            given.append(replace(given[-1], T_world_target=goal + np.float32(0.1) * np.eye(4, k=3, dtype=np.float32)))
+        loop._step(2, Rates(0.0, 0.0, 1.0, 0.0))
+    assert told == [True, False, True, False]
 
 
 def test_the_hand_designed_policy_has_balls_to_drag_in_a_world_without_anything_else():
