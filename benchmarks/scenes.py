@@ -7,6 +7,7 @@ Scenes are drawn without regard to the goals. Each rollout starts from the ready
 
 import sys
 import time
+from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -19,12 +20,12 @@ from jaxrmp import Node, acceleration, pullback
 from jaxrmp.kinematics import ControlPoints, Robot, panda
 from jaxrmp.leaves import (
     Attractor,
-    CollisionAvoidance,
     Damping,
     JointLimit,
     JointVelocityLimit,
     Posture,
 )
+from jaxrmp.simulation import ScenePolicy
 from jaxrmp.world import (
     Boxes,
     Capsules,
@@ -68,11 +69,11 @@ def whole_arm(robot: Robot, goal: jax.Array, world: World) -> Node:
         pullback(Partial(_hand, hand), Attractor(goal, **GAINS["goal"]))
         + pullback(
             ObstacleDistances(moving.points(robot), world, moving.radii),
-            CollisionAvoidance(**GAINS["obstacle"], name="obstacles"),
+            replace(ScenePolicy.self_avoidance, reach=0.06, name="obstacles"),
         )
         + pullback(
             SelfDistances(spheres.points(robot), panda_self_pairs(), spheres.radii),
-            CollisionAvoidance(**GAINS["itself"], name="itself"),
+            ScenePolicy.self_avoidance,
         )
         + JointLimit(robot.lower, robot.upper, **GAINS["limit"])
         + JointVelocityLimit(robot.velocity_limit, **GAINS["velocity"])
@@ -83,8 +84,6 @@ def whole_arm(robot: Robot, goal: jax.Array, world: World) -> Node:
 
 GAINS: dict[str, dict[str, float]] = {
     "goal": dict(weight_near=5.0, weight_far=5.0, gain=3.0, sharpness=20.0, damping_rate=6.0),
-    "obstacle": dict(epsilon=0.1, barrier=0.01, reach=0.06, sigma=0.1, floor=0.003, damping_rate=2.0, frequency=100.0),
-    "itself": dict(epsilon=0.1, barrier=0.01, reach=0.05, sigma=0.1, floor=0.003, damping_rate=2.0, frequency=100.0),
     "limit": dict(weight=0.05, damping_rate=5.0, barrier=0.003, reach=0.2),
     "velocity": dict(onset=0.6),
     "posture": dict(weight=0.02, stiffness=0.1, damping_rate=3.0),

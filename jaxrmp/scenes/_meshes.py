@@ -8,7 +8,8 @@ import numpy as np
 
 from .._errors import RobotError
 from ..kinematics._mujoco import import_mujoco
-from ._parts import FINGER_WIDTH
+from ..kinematics._quaternions import rotation_of_quaternion
+from ._parts import FINGER_WIDTH, quaternion
 
 _BODIES = {f"panda_link{i}": f"link{i}" for i in range(8)} | {
     "panda_hand": "hand",
@@ -75,7 +76,7 @@ def add_meshes(spec: Any, source: str | os.PathLike) -> None:
                 material=f"mesh_{geom.material}" if geom.material else "",
                 rgba=geom.rgba,
                 pos=T[:3, 3],
-                quat=_quaternion(T[:3, :3]),
+                quat=quaternion(T[:3, :3]),
                 mass=0.0,
                 contype=0,
                 conaffinity=0,
@@ -95,17 +96,7 @@ def _body_poses(model: Any, finger: float) -> dict[str, np.ndarray]:
     return {model.body(b).name: _pose(data.xpos[b], data.xquat[b]) for b in range(model.nbody)}
 
 
-def _pose(position: np.ndarray, quaternion: np.ndarray) -> np.ndarray:
-    mujoco = import_mujoco()
-    R = np.empty(9)
-    mujoco.mju_quat2Mat(R, np.asarray(quaternion, float))
+def _pose(position: np.ndarray, wxyz: np.ndarray) -> np.ndarray:
     T = np.eye(4)
-    T[:3, :3], T[:3, 3] = R.reshape(3, 3), position
+    T[:3, :3], T[:3, 3] = rotation_of_quaternion(wxyz), position
     return T
-
-
-def _quaternion(R: np.ndarray) -> np.ndarray:
-    mujoco = import_mujoco()
-    quat = np.empty(4)
-    mujoco.mju_mat2Quat(quat, np.ascontiguousarray(R).ravel())
-    return quat

@@ -20,6 +20,7 @@ from ..leaves import (
     OrientationAttractor,
     Posture,
 )
+from ..simulation import ScenePolicy
 from ..world import (
     ObstacleDistances,
     RobotSpheres,
@@ -47,7 +48,7 @@ class ReachPolicy:
     reach: Attractor
     turn: OrientationAttractor
     avoidance: CollisionAvoidance
-    itself: CollisionAvoidance
+    self_avoidance: CollisionAvoidance
     limit: JointLimit | None
     velocity: JointVelocityLimit | None
     posture: Posture
@@ -70,7 +71,7 @@ class ReachPolicy:
             tree = tree + pullback(distances, self.avoidance)
         if self.spheres is not None and self.pairs:
             apart = SelfDistances(self.spheres.points(robot), self.pairs, self.spheres.radii)
-            tree = tree + pullback(apart, self.itself)
+            tree = tree + pullback(apart, self.self_avoidance)
         for indices, leaf in ((self.limited, self.limit), (self.paced, self.velocity)):
             if leaf is not None:
                 every = indices == tuple(range(robot.num_joints))
@@ -95,14 +96,14 @@ def reach_policy(
     pairs: Any = ()
     if spheres is not None and apart:
         pairs = panda_self_pairs() if own and spheres is panda_spheres() else self_pairs(robot, spheres.frames)
-    walls = dict(epsilon=0.1, barrier=0.01, sigma=0.1, floor=0.003, damping_rate=2.0, frequency=100.0)
+    apart_by = ScenePolicy.self_avoidance
     policy = ReachPolicy(
         robot=robot,
         spheres=spheres,
         reach=Attractor(np.zeros(3), 5.0, 5.0, gain=10.0, sharpness=15.0, damping_rate=24.0, name="reach"),
         turn=OrientationAttractor(np.eye(3), 0.2, stiffness=50.0, damping_rate=14.0, name="turn"),
-        avoidance=CollisionAvoidance(reach=0.06, name="obstacles", **walls),
-        itself=CollisionAvoidance(reach=0.05, name="itself", **walls),
+        avoidance=replace(apart_by, reach=0.06, name="obstacles"),
+        self_avoidance=apart_by,
         limit=_joint_limit(lower, upper, limited) if limited else None,
         velocity=JointVelocityLimit(fastest[list(paced)], onset=0.6) if paced else None,
         posture=Posture(np.asarray(rest, float), weight=0.02, stiffness=0.5, damping_rate=3.0),

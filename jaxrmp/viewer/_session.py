@@ -114,7 +114,7 @@ class Session:
             self.switches = LeafSwitches(server, names, self.leaf_labels)
         distances = ("to obstacles",) if self.obstacles else ()
         distances += ("to furniture",) if self.furniture else ()
-        distances += ("to itself",) if "itself" in names else ()
+        distances += ("to itself",) if "self_collision" in names else ()
         self._distances = distances
         self.plots = Plots(server, self.leaf_labels, distances)
         self._kept = _Kept()
@@ -297,7 +297,7 @@ class Session:
                 T = np.asarray(frame.situation.T_world_target, float)
                 distances.append(self.furniture.clearance(frame.q, T) if self.furniture else _FAR)
             else:
-                leaf = "itself" if name == "to itself" else None
+                leaf = "self_collision" if name == "to itself" else None
                 found_gaps = [gap for key, gap in gaps.items() if key == leaf or (leaf is None and key in _AVOIDING)]
                 distances.append(min(found_gaps, default=_FAR))
         watched = frame.watched
