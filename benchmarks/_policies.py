@@ -72,6 +72,17 @@ def lula_franka() -> tuple[Any, Callable]:
     """NVIDIA's policy for the Franka in the scene of their published test vector."""
     golden = json.loads((lula_folder() / "golden_franka.json").read_text())
     policy = load_lula(*(lula_folder() / golden[name] for name in ("urdf", "xrdf", "config")))
+    tree = policy.tree(
+        frame=golden["frame"],
+        position_target=jnp.array(golden["position_target"]),
+        cspace_target=jnp.array(golden["cspace_attractor"]),
+        world=world_of(golden),
+    )
+    return as_arrays((policy, tree)), lambda both, q, qd: both[0].acceleration(both[1], q, qd)
+
+
+def world_of(golden: dict[str, Any], free: int = 0) -> World:
+    """The spheres and boxes of a published test vector, with as many slots of each left `free`."""
     spheres, boxes = [], []
     for obstacle in golden["obstacles"]:
         if obstacle["type"] == "sphere":
@@ -80,13 +91,9 @@ def lula_franka() -> tuple[Any, Callable]:
             T = np.eye(4)
             T[:3, 3] = obstacle["center"]
             boxes.append((T, np.array(obstacle["side_lengths"]) / 2))
-    tree = policy.tree(
-        frame=golden["frame"],
-        position_target=jnp.array(golden["position_target"]),
-        cspace_target=jnp.array(golden["cspace_attractor"]),
-        world=World(spheres=Spheres.of(spheres), boxes=Boxes.of(boxes)),
+    return World(
+        spheres=Spheres.of(spheres, capacity=len(spheres) + free), boxes=Boxes.of(boxes, capacity=len(boxes) + free)
     )
-    return as_arrays((policy, tree)), lambda both, q, qd: both[0].acceleration(both[1], q, qd)
 
 
 def lula_folder() -> Path:

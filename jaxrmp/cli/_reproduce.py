@@ -1,7 +1,6 @@
 """`jaxrmp reproduce`: roll a skill out from each demonstration's start and measure it."""
 
 import argparse
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,11 +9,11 @@ import numpy as np
 
 from .._errors import ConfigurationError
 from .._files import atomic_write
-from ..learning import Reproduction, Skill, load_skill, prepare, reproduce
+from ..learning import Reproduction, Skill, prepare, reproduce
 from ..simulation import arrival
 from ..visualization import save_reproduction_figures
 from ._output import error_table, made_by, progress_bar, write_json
-from ._sources import demonstrations_of, robot_of
+from ._sources import demonstrations_of, skill_and_robot
 
 
 def run(arguments: argparse.Namespace, rest: list[str]) -> None:
@@ -22,16 +21,11 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
         raise ConfigurationError(
             f"--dt {arguments.dt} and --duration {arguments.duration}: expected 0 < dt <= duration."
         )
-    skill = load_skill(arguments.skill)
-    configuration = skill.configuration
-    if arguments.robot:
-        configuration = replace(configuration, robot=arguments.robot)
-    robot = robot_of(configuration)
-    skill.check_robot(robot)
+    skill, robot = skill_and_robot(arguments.skill, arguments.robot)
     demonstrations = demonstrations_of(skill, arguments.demos)
     with progress_bar(arguments.quiet) as progress:
         progress("preparing", 0.0)
-        prepared = prepare(configuration, robot, demonstrations)
+        prepared = prepare(skill.configuration, robot, demonstrations)
         progress("reproducing", 0.3)
         reproduction = reproduce(
             skill,
@@ -48,7 +42,8 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
             save_rollouts(reproduction, arguments.save)
         if arguments.figures:
             progress("drawing", 0.8)
-            write_json(made_by("reproduce", configuration, demonstrations.source), arguments.figures / "made_by.json")
+            made = made_by("reproduce", skill.configuration, demonstrations.source)
+            write_json(made, arguments.figures / "made_by.json")
             save_reproduction_figures(prepared, reproduction, arguments.figures)
     print(error_table(result))
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from .._errors import DemonstrationError
 from ..kinematics import Robot, load_robot, panda
-from ..learning import Configuration, DemonstrationSet, Skill, load_demonstrations
+from ..learning import Configuration, DemonstrationSet, Skill, load_demonstrations, load_skill
 from ..synthetic import SYNTHETIC_TASKS, synthetic_demonstrations
 
 SYNTHETIC = "synthetic:"
@@ -17,6 +17,18 @@ def robot_of(configuration: Configuration) -> Robot:
     if configuration.robot == "panda":
         return panda()
     return load_robot(configuration.robot, fixed=dict(configuration.fixed_joints))
+
+
+def skill_and_robot(file: str | os.PathLike, named: str | None) -> tuple[Skill, Robot]:
+    """The skill of a file and the robot to run it on: the one it was learned on, or of the file that is `named`.
+
+    The skill's configuration then names that robot. **Raises** `RobotError` if it has other kinematics.
+    """
+    skill = load_skill(file)
+    configuration = replace(skill.configuration, robot=named) if named else skill.configuration
+    robot = robot_of(configuration)
+    skill.check_robot(robot)
+    return replace(skill, configuration=configuration), robot
 
 
 def default_demonstrations(skill: str) -> str:

@@ -2,18 +2,17 @@
 
 import argparse
 import sys
-from dataclasses import replace
 
 import numpy as np
 
 from .._errors import ConfigurationError, DemonstrationError
 from ..kinematics import panda
-from ..learning import load_skill, prepare
+from ..learning import prepare
 from ..scenes import scene as build_scene
 from ..viewer import Viewer, reach_content, skill_content
 from ._pages import show
 from ._run import check_scene
-from ._sources import demonstrations_of, robot_of
+from ._sources import demonstrations_of, skill_and_robot
 
 
 def run(arguments: argparse.Namespace, rest: list[str]) -> None:
@@ -30,12 +29,7 @@ def _viewer(arguments: argparse.Namespace) -> Viewer:
         raise ConfigurationError(
             "--frame is for the hand-designed policy: a skill has its control points. Leave it out."
         )
-    skill = load_skill(arguments.skill)
-    configuration = skill.configuration
-    if arguments.robot:
-        configuration = replace(configuration, robot=arguments.robot)
-    robot = robot_of(configuration)
-    skill.check_robot(robot)
+    skill, robot = skill_and_robot(arguments.skill, arguments.robot)
     place = None
     if arguments.scene:
         if robot.fingerprint != panda().fingerprint:
@@ -44,12 +38,11 @@ def _viewer(arguments: argparse.Namespace) -> Viewer:
         place = build_scene(arguments.scene, T_world_object=np.asarray(skill.T_world_object, float))
     prepared = None
     try:
-        prepared = prepare(configuration, robot, demonstrations_of(skill, arguments.demos))
+        prepared = prepare(skill.configuration, robot, demonstrations_of(skill, arguments.demos))
     except DemonstrationError as error:
         if arguments.demos:
             raise
         print(f"jaxrmp: without demonstrations: {error}", file=sys.stderr)
-    skill = replace(skill, configuration=configuration)
     balls = (0 if place is not None else 1) if arguments.balls is None else arguments.balls
     content = skill_content(skill, robot, prepared, scene=place, balls=balls)
     return Viewer(content, arguments.port, skill=skill, prepared=prepared)

@@ -4,11 +4,9 @@ import json
 import os
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from jaxrmp.io import load_lula
-from jaxrmp.world import Boxes, Spheres, World
 
 
 @pytest.fixture(scope="session")
@@ -27,15 +25,3 @@ def golden(folder):
 @pytest.fixture(scope="session")
 def policy(folder, golden):
     return load_lula(*(folder / golden[name] for name in ("urdf", "xrdf", "config")))
-
-
-def world_of(golden):
-    spheres, boxes = [], []
-    for obstacle in golden["obstacles"]:
-        if obstacle["type"] == "sphere":
-            spheres.append((obstacle["center"], obstacle["radius"]))
-        else:
-            T = np.eye(4)
-            T[:3, 3] = obstacle["center"]
-            boxes.append((T, np.array(obstacle["side_lengths"]) / 2))
-    return World(spheres=Spheres.of(spheres, capacity=4), boxes=Boxes.of(boxes, capacity=2))

@@ -7,12 +7,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from benchmarks._policies import world_of
 from jaxrmp import ConfigurationError, ShapeError, UnknownNameError, uncertified_leaves
 from jaxrmp.io import load_lula
 from jaxrmp.kinematics import ControlPoints, forward_kinematics
 from jaxrmp.world import Spheres, World
-
-from .conftest import world_of
 
 
 def golden_tree(policy, golden):
@@ -20,7 +19,7 @@ def golden_tree(policy, golden):
         frame=golden["frame"],
         position_target=golden["position_target"],
         cspace_target=golden["cspace_attractor"],
-        world=world_of(golden),
+        world=world_of(golden, free=1),
     )
 
 
@@ -58,7 +57,7 @@ def test_single_precision_gives_the_same_and_changes_of_numbers_do_not_retrace(p
         return policy.acceleration(tree, q, qd)
 
     q, qd = state_of(golden)
-    world, target = world_of(golden), jnp.array(golden["position_target"])
+    world, target = world_of(golden, free=1), jnp.array(golden["position_target"])
     posture = jnp.array(golden["cspace_attractor"], jnp.float32)
     first = step(policy, target, posture, world, q, qd)
     assert q.dtype == first.dtype == jnp.float32

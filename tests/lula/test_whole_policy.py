@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import yaml
 
-from .conftest import world_of
+from benchmarks._policies import world_of
 
 X_AXIS = np.array([0.0, 0.6, -0.8])
 
@@ -230,7 +230,7 @@ def test_force_and_metric_in_motion_are_those_of_the_formulas(policy, golden, tr
             position_target=golden["position_target"],
             cspace_target=golden["cspace_attractor"],
             x_axis_target=X_AXIS,
-            world=world_of(golden),
+            world=world_of(golden, free=1),
         )
         root = jax.jit(lambda tree, q, qd: tree(q, qd))
         rng = np.random.default_rng(0)
