@@ -9,7 +9,7 @@ import numpy as np
 
 from .._errors import ShapeError
 from .._forms import NaturalForm
-from .._materialise import materialise
+from .._materialise import concatenated
 from .._pytree import pytree, set_field, static
 from .._task_map import Pushforward, TaskMap, Transport
 from ._forward import configuration
@@ -34,7 +34,7 @@ class ControlPoints(TaskMap):
     """Where K points fixed to the robot are in the world: `y_k = T_world_frame_k(q) offset_k`.
 
     **Arguments**: `robot`; `frames`, the K frames that the points are fixed to (one name stands for K equal ones);
-    `offsets` [K, 3], the points in their frames, m, a parameter; by default the frames' origins.
+    `offsets` [K, 3], the points in their frames, m, a parameter; by default the frames' origins, None.
     **Returns**, called with `q` [n], the points `y` [K, 3]. Its pushforward gives them with their velocities
     [K, 3], Jacobians `J` [K, 3, n] and `c = Jdot qd` [K, 3] in one pass: column i of J is `z_i x (y - o_i)` for a
     revolute joint with axis `z_i` through `o_i`, and `z_i` for a prismatic one.
@@ -57,13 +57,16 @@ class ControlPoints(TaskMap):
         frames: tuple[str, ...] = tuple(given) if several else (given,)
         for name in frames:
             self.robot.frame_index(name)
-        offsets: Any = np.zeros((len(frames), 3)) if self.offsets is None else self.offsets
-        if not isinstance(offsets, jax.Array):
-            offsets = np.asarray(offsets, dtype=float)
-        if offsets.ndim == 2 and not several:
-            frames *= offsets.shape[0]
-        if offsets.shape != (len(frames), 3) or not frames:
-            raise ShapeError(f"offsets has shape {offsets.shape}, expected ({len(frames)}, 3): one row per frame.")
+        offsets: Any = self.offsets
+        if offsets is not None:
+            if not isinstance(offsets, jax.Array):
+                offsets = np.asarray(offsets, dtype=float)
+            if offsets.ndim == 2 and not several:
+                frames *= offsets.shape[0]
+            if offsets.shape != (len(frames), 3):
+                raise ShapeError(f"offsets has shape {offsets.shape}, expected ({len(frames)}, 3): one row per frame.")
+        if not frames:
+            raise ShapeError("frames is empty, expected the frame of each point.")
         set_field(self, "frames", frames)
         set_field(self, "offsets", offsets)
 
@@ -78,10 +81,9 @@ class ControlPoints(TaskMap):
         motions, axes = self._point_motions(x, xd)
         groups = []
         for body, k, motion in motions:
-            columns = jacobian_columns(self.robot.model, body, motion.position, axes, n, x.dtype)
-            shapes = ((len(k),), (len(k),), (len(k), n), (len(k),))
-            entries = (motion.position, motion.velocity, columns, motion.acceleration)
-            groups.append([rows(v, shape, x.dtype) for v, shape in zip(entries, shapes, strict=True)])
+            y, yd, c = (rows(v, (len(k),), x.dtype) for v in (motion.position, motion.velocity, motion.acceleration))
+            columns = jacobian_columns(self.robot.model, body, (y[:, 0], y[:, 1], y[:, 2]), axes, n, x.dtype)
+            groups.append([y, yd, rows(columns, (len(k), n), x.dtype), c])
         return Pushforward(*(self._in_order(column) for column in zip(*groups, strict=True)))
 
     def transport(self, x, xd):
@@ -89,10 +91,10 @@ class ControlPoints(TaskMap):
         y, yd, c = (jnp.stack(part, axis=1) for part in motions[:3])
 
         def pull(form):
-            form, at = form.dense(), [materialise(y[:, i]) for i in range(3)]
-            M = [[materialise(form.M[:, i, j]) for j in range(3)] for i in range(3)]
+            form = form.dense()
+            M = [[form.M[:, i, j] for j in range(3)] for i in range(3)]
             f = [form.f[:, i] - sum(M[i][j] * c[:, j] for j in range(3)) for i in range(3)]
-            J = jacobian_rows(self.robot.model, motions.bodies, (at[0], at[1], at[2]), motions.axes, x.dtype)
+            J = jacobian_rows(self.robot.model, motions.bodies, motions.position, motions.axes, x.dtype)
             MJ = [jnp.asarray(sum(M[i][j] * J[j] for j in range(3))) for i in range(3)]
             # One product of all components: in a batch, XLA:CPU takes as long for a small one as for a larger one.
             whole = jnp.concatenate(J, axis=1)
@@ -111,7 +113,7 @@ class ControlPoints(TaskMap):
                 bodies[i] = body
             entries = (*motion.position, *motion.velocity, *motion.acceleration)
             groups.append([jnp.broadcast_to(jnp.asarray(v, x.dtype), (len(k),)) for v in entries])
-        x, y, z, *rest = (self._in_order(column) for column in zip(*groups, strict=True))
+        x, y, z, *rest = (self._ordered(column) for column in concatenated(list(zip(*groups, strict=True))))
         return PointMotions((x, y, z), (rest[0], rest[1], rest[2]), (rest[3], rest[4], rest[5]), tuple(bodies), axes)
 
     def _groups(self) -> list[tuple[str, list[int]]]:
@@ -120,19 +122,23 @@ class ControlPoints(TaskMap):
 
     def _point_motions(self, q, qd) -> tuple[list[tuple[int, list[int], BodyMotion]], dict[int, JointAxis]]:
         """For each distinct frame: its body, its points' indices, and the motion of all of them ([K] to a scalar)."""
-        model, offsets = self.robot.model, jnp.asarray(self.offsets, q.dtype)
+        model = self.robot.model
         frames = [(model.frames[self.robot.frame_index(name)], k) for name, k in self._groups()]
         motions, axes = move(model, (frame.body for frame, _ in frames), q, qd)
-        found = []
-        for frame, k in frames:
-            own = offsets if len(frames) == 1 else offsets[np.array(k)]
-            pose = attach(motions[frame.body], frame.position, frame.rotation)
-            found.append((frame.body, k, carry(pose, rotate(pose.rotation, (own[:, 0], own[:, 1], own[:, 2])))))
-        return found, axes
+        poses = [attach(motions[frame.body], frame.position, frame.rotation) for frame, _ in frames]
+        if self.offsets is not None:
+            offsets = jnp.asarray(self.offsets, q.dtype)
+            owns = [offsets if len(frames) == 1 else offsets[np.array(k)] for _, k in frames]
+            poses = [
+                carry(pose, rotate(pose.rotation, (own[:, 0], own[:, 1], own[:, 2])))
+                for pose, own in zip(poses, owns, strict=True)
+            ]
+        return [(frame.body, k, pose) for (frame, k), pose in zip(frames, poses, strict=True)], axes
 
     def _in_order(self, groups: Sequence[jax.Array]) -> jax.Array:
-        if len(groups) == 1:
-            return groups[0]
+        return self._ordered(groups[0] if len(groups) == 1 else jnp.concatenate(groups))
+
+    def _ordered(self, joined: jax.Array) -> jax.Array:
+        """What is joined from the frames' groups, in the points' order."""
         order = [k for _, points in self._groups() for k in points]
-        joined = jnp.concatenate(groups)
         return joined if order == sorted(order) else joined[np.argsort(order)]

@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._materialise import concatenated
 from ._motion import JointAxis
 from ._robot import KinematicModel
 from ._scalars import ZERO, Vector, add3, cross, mul, scale, sub3
@@ -24,8 +25,8 @@ def jacobian_rows(
         still = jnp.zeros((len(model.joint_names), len(bodies)), dtype)
         return still, still, still
     moved = _above(model, joints, bodies, dtype)
-    directions, slides = (_entries(vectors, dtype) for vectors in _turns_and_slides(model, joints, axes))
-    anchors = _entries([axes[i].anchor for i in joints], dtype)
+    turns, slides = _turns_and_slides(model, joints, axes)
+    directions, anchors, slides = _entries([turns, [axes[i].anchor for i in joints], slides], dtype)
     directions, slides, anchors = (
         tuple(v if isinstance(v, float) else v[:, None] for v in vector) for vector in (directions, slides, anchors)
     )
@@ -115,20 +116,19 @@ def jacobian_columns(
             directions.append(direction)
             anchors.append(anchor)
             slides.append(slide)
-        arms = sub3(point, _entries(anchors, dtype))
-        columns = add3(columns, add3(cross(_entries(directions, dtype), arms), _entries(slides, dtype)))
+        turning, at, sliding = _entries([directions, anchors, slides], dtype)
+        columns = add3(columns, add3(cross(turning, sub3(point, at)), sliding))
     return columns
 
 
-def _entries(vectors: list[Vector], dtype: Any) -> Vector:
-    """Vectors as one vector of arrays, component by component; a component that is zero throughout stays a float."""
-    columns = list(zip(*vectors, strict=True))
-    known = [all(isinstance(v, float) and v == 0.0 for v in column) for column in columns]
-    x, y, z = (
-        0.0 if zero else jnp.stack([jnp.asarray(v, dtype) for v in column])
-        for zero, column in zip(known, columns, strict=True)
-    )
-    return x, y, z
+def _entries(several: list[list[Vector]], dtype: Any) -> list[Vector]:
+    """Lists of vectors, each as one vector of arrays; a component that is zero throughout stays a float."""
+    columns = [column for vectors in several for column in zip(*vectors, strict=True)]
+    zero = [all(isinstance(v, float) and v == 0.0 for v in column) for column in columns]
+    known = [[jnp.asarray(v, dtype).reshape(1) for v in c] for c, z in zip(columns, zero, strict=True) if not z]
+    found = iter(concatenated(known))
+    entries = [0.0 if z else next(found) for z in zero]
+    return [(entries[i], entries[i + 1], entries[i + 2]) for i in range(0, len(entries), 3)]
 
 
 def rows(vector: Vector, shape: tuple[int, ...], dtype: Any) -> jax.Array:

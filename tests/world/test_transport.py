@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from jaxrmp import DiagonalForm, NaturalForm, RigidTransform, Translation, certificate, compose, pullback, transport
-from jaxrmp._materialise import materialise
+from jaxrmp._materialise import concatenated, materialise
 from jaxrmp._task_map import pull_form, pushforward_by_autodiff, transport_by_jacobian
 from jaxrmp.kinematics import ControlPoints, load_robot
 from jaxrmp.leaves import CollisionAvoidance, Damping
@@ -110,6 +110,29 @@ def test_slopes_through_a_pulled_back_leaf_are_finite_and_its_certificate_holds(
     residual, slopes = check(*states())
     assert np.max(residual) <= 1e-8
     assert all(np.isfinite(part).all() for part in slopes)
+
+
+def test_concatenating_by_one_loop_is_concatenating():
+    rng = np.random.default_rng(0)
+    a, b, c = (jnp.asarray(rng.normal(size=(4, k)), jnp.float32) for k in (1, 3, 3))
+    one = jnp.arange(1.0, dtype=jnp.float32)
+
+    def joined(a, b, c):  # a group of which a part is known, and one that is all in the batch
+        return jnp.stack(concatenated([[one, b], [a, c]]))
+
+    def plainly(a, b, c):
+        return jnp.stack([jnp.concatenate([one, b]), jnp.concatenate([a, c])])
+
+    def slopes(function):
+        return jax.grad(lambda *given: jnp.sum(function(*given)[1] ** 3), argnums=(0, 1, 2))
+
+    def over_rows(function):
+        return lambda a, b, c: jax.vmap(function, (None, None, 0))(a, b, jnp.stack([c, 2 * c]))
+
+    for change in (lambda function: function, slopes, jax.jacfwd, over_rows):
+        found, wanted = (jax.jit(jax.vmap(change(function)))(a, b, c) for function in (joined, plainly))
+        jax.tree.map(np.testing.assert_array_equal, found, wanted)
+    np.testing.assert_array_equal(joined(a[0], b[0], c[0]), plainly(a[0], b[0], c[0]))
 
 
 @pytest.mark.parametrize("shape", [(7,), (37,), (5, 8), (4, 13, 3), (0,), (6, 17)])
