@@ -1,8 +1,9 @@
-"""The policies that are measured: pairs of a tree and the function of tree, q and qd that gives the acceleration."""
+"""The policies that are measured."""
 
 import json
 import os
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +32,20 @@ OBSTACLES = [
 ]
 
 
-def policies(quick: bool) -> dict[str, tuple[Any, Callable]]:
+@dataclass(frozen=True, eq=False)
+class Policy:
+    """A policy as a control loop has it: `moving`, what may be another at every call, as NumPy arrays; `tree_of`, the
+    tree for that; and `resolved`, the acceleration for a tree, q and qd. All that does not move is compiled in."""
+
+    moving: Any
+    tree_of: Callable[[Any], Any]
+    resolved: Callable[[Any, jax.Array, jax.Array], jax.Array] = acceleration
+
+    def __call__(self, moving: Any, q: jax.Array, qd: jax.Array) -> jax.Array:
+        return self.resolved(self.tree_of(moving), q, qd)
+
+
+def policies(quick: bool) -> dict[str, Policy]:
     """All that can be had here, or the first if `quick`; `lula_franka` needs NVIDIA's files in `$JAXRMP_DATA/lula`."""
     found = {"panda_24_pairs": panda_24_pairs()}
     if quick:
@@ -42,43 +56,53 @@ def policies(quick: bool) -> dict[str, tuple[Any, Callable]]:
     return found
 
 
-def policy(name: str) -> tuple[Any, Callable]:
+def policy(name: str) -> Policy:
     """One of them by its name."""
     return {"panda_24_pairs": panda_24_pairs, "learned_drawer": learned_drawer, "lula_franka": lula_franka}[name]()
 
 
-def panda_24_pairs() -> tuple[Any, Callable]:
-    """A goal for the hand, 14 joint limits, and 6 robot spheres by 4 obstacle spheres: the scene of all comparisons."""
+def panda_24_pairs() -> Policy:
+    """A goal for the hand, 14 joint limits, and 6 robot spheres by 4 obstacle spheres: the scene of all comparisons.
+
+    Goal and obstacles may move.
+    """
     robot = panda()
-    tree = among_spheres(robot, "panda_hand", tuple(SPHERES), list(SPHERES.values()), Spheres.of(OBSTACLES))
-    return as_arrays(tree), acceleration
+
+    def tree_of(moving):
+        goal, obstacles = moving
+        return among_spheres(robot, "panda_hand", tuple(SPHERES), list(SPHERES.values()), obstacles, goal)
+
+    return Policy(single((np.array(GOAL), Spheres.of(OBSTACLES))), tree_of)
 
 
-def among_spheres(robot: Robot, hand: str, frames: tuple[str, ...], radii: Any, obstacles: Spheres) -> Node:
+def among_spheres(
+    robot: Robot, hand: str, frames: tuple[str, ...], radii: Any, obstacles: Spheres, goal: Any = GOAL
+) -> Node:
     """A goal for one frame, joint limits, damping, and spheres at some frames that keep off obstacles."""
     distances = ObstacleDistances(ControlPoints(robot, frames), World(spheres=obstacles), radii)
-    goal = Batched(Attractor(jnp.array(GOAL)), shared=True)
+    goal = Batched(Attractor(jnp.asarray(goal)), shared=True)
     tree = pullback(ControlPoints(robot, (hand,)), goal) + pullback(distances, CollisionAvoidance())
     return tree + JointLimit(robot.lower, robot.upper) + Damping()
 
 
-def learned_drawer(quick: bool = False) -> tuple[Any, Callable]:
-    """The skill of `configs/drawer_closing.toml`: three learned leaves, joint damping and joint limits."""
+def learned_drawer(quick: bool = False) -> Policy:
+    """The skill of `configs/drawer_closing.toml`: three learned leaves, damping, limits; the drawer may move."""
     skill = load_skill(skill_file("drawer_closing", quick=quick))
-    return as_arrays(skill.tree(robot_of(skill.configuration))), acceleration
+    robot = robot_of(skill.configuration)
+    return Policy(single(np.asarray(skill.T_world_object)), lambda T: skill.tree(robot, T))
 
 
-def lula_franka() -> tuple[Any, Callable]:
-    """NVIDIA's policy for the Franka in the scene of their published test vector."""
+def lula_franka() -> Policy:
+    """NVIDIA's policy for the Franka in the scene of their published test vector; targets and obstacles may move."""
     golden = json.loads((lula_folder() / "golden_franka.json").read_text())
     policy = load_lula(*(lula_folder() / golden[name] for name in ("urdf", "xrdf", "config")))
-    tree = policy.tree(
-        frame=golden["frame"],
-        position_target=jnp.array(golden["position_target"]),
-        cspace_target=jnp.array(golden["cspace_attractor"]),
-        world=world_of(golden),
-    )
-    return as_arrays((policy, tree)), lambda both, q, qd: both[0].acceleration(both[1], q, qd)
+
+    def tree_of(moving):
+        position, posture, world = moving
+        return policy.tree(frame=golden["frame"], position_target=position, cspace_target=posture, world=world)
+
+    targets = (np.array(golden["position_target"]), np.array(golden["cspace_attractor"]))
+    return Policy(single((*targets, world_of(golden))), tree_of, policy.acceleration)
 
 
 def world_of(golden: dict[str, Any], free: int = 0) -> World:
@@ -101,8 +125,13 @@ def lula_folder() -> Path:
     return Path(os.environ.get("JAXRMP_DATA") or os.devnull) / "lula"
 
 
-def as_arrays(tree: Any) -> Any:
-    """The same tree with its parameters on the device, in JAX's precision."""
+def single(tree: Any) -> Any:
+    """The same tree as NumPy arrays, its numbers in single precision."""
+    return jax.tree.map(lambda a: np.asarray(a, bool if np.asarray(a).dtype == bool else np.float32), tree)
+
+
+def on_device(tree: Any) -> Any:
+    """The same tree with its arrays on the device, in JAX's precision."""
     return jax.tree.map(jnp.asarray, tree)
 
 

@@ -47,9 +47,10 @@ def figure(found: list[dict[str, Any]]) -> Any:
 
 def compiled(name: str, batch: int) -> dict[str, float]:
     """Compile and call a policy in this process, which has compiled no other."""
-    tree, evaluate = policy(name)
+    evaluate = policy(name)
+    moving = evaluate.moving
     Q, QD = states(max(batch, 1))
-    arguments = (tree, Q, QD) if batch else (tree, Q[0], QD[0])
+    arguments = (moving, Q, QD) if batch else (moving, Q[0], QD[0])
     function = jax.jit(jax.vmap(evaluate, in_axes=(None, 0, 0)) if batch else evaluate)
     before = _largest_memory()
     start = time.perf_counter()

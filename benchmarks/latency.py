@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ._plots import bars
-from ._policies import policies, states
+from ._policies import Policy, on_device, panda_24_pairs, policies, states
 from ._timing import call_times, quantiles
 
 CALLS, BATCH, BATCH_CALLS = 100_000, 1024, 50
@@ -17,18 +17,20 @@ CALLS, BATCH, BATCH_CALLS = 100_000, 1024, 50
 def rows(quick: bool = False) -> list[dict[str, Any]]:
     """One row a policy, in float32, and what a call costs that computes nothing.
 
-    A call is what a control loop sees: another state every time, as NumPy arrays of float32, and the result back as
-    one. The policy's tree is an argument, so that goals and obstacles may move; `fixed_tree_us`: compiled in.
+    A call is what a control loop sees: state and what moves (goals, obstacles, the object) as NumPy arrays of float32,
+    another state every time, and the result back as one. `whole_tree_us`: the median with all parameters of the tree
+    as arguments, so that gains may change, too, on the device already; `fixed_us`: with nothing but the state.
     """
     calls = 200 if quick else CALLS
-    found = []
-    trees = policies(quick)
-    for name, (tree, evaluate) in trees.items():
-        found.append({"name": name, "parameters": len(jax.tree.leaves(tree)), **_measured(tree, evaluate, calls)})
-    tree = trees["panda_24_pairs"][0]
-    for name, argument in (("dispatch_of_state_alone", ()), ("dispatch_with_24_pair_tree", tree)):
+    found = [{"name": name, **_measured(policy, calls)} for name, policy in policies(quick).items()]
+    policy = panda_24_pairs()
+    for name, argument in (
+        ("dispatch_of_state_alone", ()),
+        ("dispatch_with_what_moves", policy.moving),
+        ("dispatch_with_whole_tree", on_device(policy.tree_of(policy.moving))),
+    ):
         floor = jax.jit(lambda tree, q, qd: q + qd)
-        found.append({"name": name, "parameters": len(jax.tree.leaves(argument)), **_calls(floor, argument, calls)})
+        found.append({"name": name, "arguments": len(jax.tree.leaves(argument)), **_calls(floor, argument, calls)})
     return found
 
 
@@ -37,15 +39,18 @@ def figure(found: list[dict[str, Any]]) -> Any:
     return bars(found, ("median_us", "p99_us", "p999_us"), "microseconds a call")
 
 
-def _measured(tree: Any, evaluate: Callable, calls: int) -> dict[str, float]:
-    one = jax.jit(evaluate)
-    closed = jax.jit(lambda _, q, qd: evaluate(tree, q, qd))
-    many = jax.jit(jax.vmap(evaluate, in_axes=(None, 0, 0)))
+def _measured(policy: Policy, calls: int) -> dict[str, float]:
+    moving, tree = policy.moving, on_device(policy.tree_of(policy.moving))
+    fixed = jax.jit(lambda _, q, qd: policy(moving, q, qd))
+    many = jax.jit(jax.vmap(policy, in_axes=(None, 0, 0)))
     Q, QD = (jnp.asarray(a) for a in states(BATCH))
-    batch = call_times(lambda i: many(tree, Q, QD).block_until_ready(), min(calls, BATCH_CALLS))
+    held = on_device(moving)
+    batch = call_times(lambda i: many(held, Q, QD).block_until_ready(), min(calls, BATCH_CALLS))
     return {
-        **_calls(one, tree, calls),
-        "fixed_tree_us": _calls(closed, (), calls // 5)["median_us"],
+        "arguments": len(jax.tree.leaves(moving)),
+        **_calls(jax.jit(policy), moving, calls),
+        "whole_tree_us": _calls(jax.jit(policy.resolved), tree, calls // 5)["median_us"],
+        "fixed_us": _calls(fixed, (), calls // 5)["median_us"],
         "batch_1024_us": float(np.median(batch)) / BATCH,
     }
 

@@ -14,7 +14,7 @@ from jaxrmp.world import Spheres
 
 from ._chains import serial_arm
 from ._plots import curves
-from ._policies import GOAL, POSTURE, SPHERES, among_spheres, as_arrays, learned_drawer, panda_24_pairs, states
+from ._policies import GOAL, POSTURE, SPHERES, among_spheres, learned_drawer, on_device, panda_24_pairs, states
 from ._timing import alternately
 
 BATCHES = (1, 4, 16, 64, 256, 1024, 4096, 16384, 65536)
@@ -30,14 +30,16 @@ def rows(quick: bool = False) -> list[dict[str, Any]]:
     Then one row a family: with which power of the size the cost grows, from the second size on.
     """
     found = []
-    trees = {"panda_24_pairs": panda_24_pairs()} | ({} if quick else {"learned_drawer": learned_drawer()})
-    for name, (tree, evaluate) in trees.items():
+    policies = {"panda_24_pairs": panda_24_pairs()} | ({} if quick else {"learned_drawer": learned_drawer()})
+    for name, policy in policies.items():
         family = f"batch, {name}"
-        taken = _family({B: (tree, evaluate, B, 7) for B in (BATCHES[:3] if quick else BATCHES)}, quick)
+        taken = _family(
+            {B: (on_device(policy.moving), policy, B, 7) for B in (BATCHES[:3] if quick else BATCHES)}, quick
+        )
         found += [_row(family, B, us / B, "us_per_evaluation") for B, us in taken.items()]
         found.append(_growth(family, {B: us for B, us in taken.items() if B >= 256 or quick}))
     for family, make, sizes in () if quick else FAMILIES:
-        trees = {size: as_arrays(make(size)) for size in sizes}
+        trees = {size: on_device(make(size)) for size in sizes}
         joints = {size: size if make is degrees_of_freedom else 7 for size in trees}
         for batch, column in ((SCALING_BATCH, "us_per_evaluation"), (1, "call_us")):
             taken = _family({s: (tree, acceleration, batch, joints[s]) for s, tree in trees.items()}, quick)
