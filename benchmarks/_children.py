@@ -37,9 +37,15 @@ def environment_of(**variables: str) -> dict[str, str]:
 
 
 def stay_on_one_core() -> None:
-    """Keep this process on one of the cores it may use, the last: to be called before JAX starts its threads."""
+    """Keep this process on one of the cores it may use, the last, and what it computes in the thread that asks for it.
+
+    To be called before JAX starts: docs/guides/robot_loop.md has a control loop begin so.
+    """
+    import jax
+
     if hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
+    jax.config.update("jax_cpu_enable_async_dispatch", False)
 
 
 def own_cores() -> int:
