@@ -82,8 +82,12 @@ class CholeskyFactor:
         L = jnp.asarray(network.apply({"params": weights}, x / jnp.asarray(self.length_scale, x.dtype)))
         if self.support is None:
             return L
-        w = self.support(x)
-        return w * L + (1 - w) * jnp.eye(self.dimension, dtype=x.dtype)
+        return blended(L, self.support(x))
+
+
+def blended(L: jax.Array, share: jax.Array) -> jax.Array:
+    """`share` of a Cholesky factor L [m, m], and the identity for the rest."""
+    return share * L + (1 - share) * jnp.eye(L.shape[-1], dtype=L.dtype)
 
 
 def initial_cholesky_factor(

@@ -14,7 +14,7 @@ import numpy as np
 from .._errors import ConfigurationError, MissingDependencyError, TrainingError, UnknownNameError
 from ..leaves import natural_gradient_field
 from ._configuration import LOSSES
-from ._metric_network import CholeskyFactor, initial_cholesky_factor
+from ._metric_network import CholeskyFactor, blended, initial_cholesky_factor
 from ._support import Support
 
 try:
@@ -35,11 +35,12 @@ class MetricFit(NamedTuple):
     loop_seconds: float
 
 
-def field_loss(
-    factor: CholeskyFactor, x: jax.Array, slope: jax.Array, velocity: jax.Array, loss: str = "smooth_l1"
-) -> jax.Array:
-    """Mean regression loss between `-M^-1 slope` and `velocity` over points x [N, m] of one subtask."""
-    error = natural_gradient_field(jax.vmap(factor)(x), slope) - velocity
+def field_loss(L: jax.Array, slope: jax.Array, velocity: jax.Array, loss: str = "smooth_l1") -> jax.Array:
+    """Mean regression loss between `-M^-1 slope` and `velocity`, `M = L L^T`, over N points of one subtask.
+
+    **Arguments**: `L` [N, m, m]; `slope`, `velocity` [N, m].
+    """
+    error = natural_gradient_field(L, slope) - velocity
     if loss == "l2":
         return jnp.mean(jnp.sum(error**2, axis=-1))
     return jnp.mean(jnp.sum(optax.huber_loss(error, delta=0.1), axis=-1))
@@ -89,9 +90,14 @@ def train_metrics(
         optax.add_decayed_weights(weight_decay), optax.scale_by_adam(), optax.scale_by_learning_rate(schedule)
     )
 
+    over_points = jax.vmap(jax.vmap(lambda function, x: function(x), in_axes=(None, 0)))
+    shares = None if support is None else over_points(support, x)  # they stay what they are while weights change
+
     def total(weights):
-        trained = replace(factors, weights=weights)
-        losses = jax.vmap(partial(field_loss, loss=loss))(trained, x, slope, velocity)
+        networks = replace(factors, weights=weights, support=None)
+        L = over_points(networks, x)
+        L = L if shares is None else jax.vmap(jax.vmap(blended))(L, shares)
+        losses = jax.vmap(partial(field_loss, loss=loss))(L, slope, velocity)
         return losses.sum(), losses  # subtasks share no weight, so the gradient of the sum trains each alone
 
     def run(weights, state):

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from jaxrmp import ConfigurationError, TrainingError, UnknownNameError
+from jaxrmp.learning import support_of_samples
 from jaxrmp.learning._metric_network import ACTIVATIONS, initial_cholesky_factor
 from jaxrmp.learning._metric_training import field_loss, train_metrics
 
@@ -68,15 +69,26 @@ def subtasks(K=2, N=100, m=3, seed=0):
 def test_losses_are_their_formulas_and_vanish_for_the_true_metric():
     M, x, slope, velocity = subtasks(1)
     factor = initial_cholesky_factor(jax.random.key(0), 3, (8,))
-    L = np.asarray(jax.jit(jax.vmap(factor))(x[0]), float)
-    error = -np.linalg.solve(L @ np.swapaxes(L, -1, -2), np.asarray(slope[0], float)[..., None])[..., 0] - velocity[0]
-    np.testing.assert_allclose(
-        field_loss(factor, x[0], slope[0], velocity[0], "l2"), np.mean(np.sum(error**2, -1)), rtol=1e-4
-    )
+    L = jax.jit(jax.vmap(factor))(x[0])
+    M_here = np.asarray(L @ jnp.swapaxes(L, -1, -2), float)
+    error = -np.linalg.solve(M_here, np.asarray(slope[0], float)[..., None])[..., 0] - velocity[0]
+    np.testing.assert_allclose(field_loss(L, slope[0], velocity[0], "l2"), np.mean(np.sum(error**2, -1)), rtol=1e-4)
     huber = np.where(np.abs(error) < 0.1, 0.5 * error**2, 0.1 * (np.abs(error) - 0.05))
-    np.testing.assert_allclose(field_loss(factor, x[0], slope[0], velocity[0]), np.mean(np.sum(huber, -1)), rtol=1e-4)
-    true = np.linalg.cholesky(M[0]).astype(np.float32)
-    assert field_loss(lambda x: jnp.asarray(true), x[0], slope[0], velocity[0], "l2") < 1e-10  # type: ignore[arg-type]
+    np.testing.assert_allclose(field_loss(L, slope[0], velocity[0]), np.mean(np.sum(huber, -1)), rtol=1e-4)
+    true = jnp.broadcast_to(jnp.asarray(np.linalg.cholesky(M[0]), jnp.float32), L.shape)
+    assert field_loss(true, slope[0], velocity[0], "l2") < 1e-10
+
+
+def test_training_sees_the_support():
+    _, x, slope, velocity = subtasks()
+    near = [support_of_samples(np.asarray(points[:20]), 0.1, 8) for points in x]
+    support = jax.tree.map(lambda *parts: jnp.stack([jnp.asarray(part, jnp.float32) for part in parts]), *near)
+    fit = train_metrics(x, slope, velocity, updates=3, hidden=(8,), support=support)
+    first = train_metrics(x, slope, velocity, updates=1, hidden=(8,), support=support, learning_rate=1e-20).factors
+    L = jax.jit(jax.vmap(jax.vmap(lambda factor, x: factor(x), (None, 0))))(first, x)
+    np.testing.assert_allclose(fit.losses[0], jax.vmap(field_loss)(L, slope, velocity), rtol=1e-5)
+    far = jax.jit(jax.vmap(lambda factor: factor(jnp.full(3, 100.0))))(fit.factors)
+    np.testing.assert_allclose(far, np.broadcast_to(np.eye(3), (2, 3, 3)), atol=1e-6)
 
 
 @pytest.mark.parametrize("loss", ["smooth_l1", "l2"])
