@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxrmp.kinematics import PANDA_MODEL, ControlPoints, FrameAxes, panda
+from jaxrmp.kinematics import PANDA_MODEL, forward_kinematics, geometric_jacobian, panda
 
 from ._children import fast_mjx_flags, in_child, own_cores
 from ._plots import bars
@@ -51,18 +51,14 @@ def figure(found: list[dict[str, Any]]) -> Any:
 
 
 def ours() -> Calls:
-    """By `ControlPoints` and `FrameAxes`, which give position, orientation and their Jacobians."""
+    """By `forward_kinematics` and `geometric_jacobian`."""
     robot = panda()
-    origin, axes = ControlPoints(robot, (HAND,)), FrameAxes(robot, HAND)
 
     def pose(q):
-        return jnp.column_stack([axes(q).T, origin(q)[0]])
+        return forward_kinematics(robot, q, HAND)[:3]
 
     def pose_and_jacobian(q):
-        p, a = origin.pushforward(q, jnp.zeros_like(q)), axes.pushforward(q, jnp.zeros_like(q))
-        # Axis a turns at omega x y_a, and sum_a y_a x (omega x y_a) = 2 omega.
-        turning = 0.5 * jnp.cross(a.y[:, :, None], a.J, axis=1).sum(axis=0)
-        return jnp.column_stack([a.y.T, p.y[0]]), jnp.concatenate([p.J[0], turning])
+        return pose(q), geometric_jacobian(robot, q, HAND)
 
     return _of_jax({"fk": pose, "fk+jacobian": pose_and_jacobian})
 
