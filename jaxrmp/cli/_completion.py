@@ -102,7 +102,7 @@ def fish_script() -> str:
             if flags:
                 lines.append(f"complete -c jaxrmp {here} {flags}{values} -d {shlex.quote(action.help or '')}")
             elif words:
-                lines.append(f"complete -c jaxrmp {here} -a {shlex.quote(words)}")
+                lines.append(f"complete -c jaxrmp -f {here} -a {shlex.quote(words)}")
     return "\n".join([*lines, ""])
 
 

@@ -196,7 +196,7 @@ def _add_view(commands) -> None:
     )
     parser.add_argument("skill", metavar="SKILL", nargs="?", help="skill file; default a hand-designed policy")
     parser.add_argument("--robot", metavar="FILE", help="MJCF or URDF file, default the Panda, or the skill's robot")
-    parser.add_argument("--frame", metavar="NAME", help="without SKILL: the frame that is taken to the goal")
+    parser.add_argument("--frame", metavar="FRAME", help="without SKILL: the frame that is taken to the goal")
     parser.add_argument("--scene", choices=SCENES, help="furniture around the skill")
     parser.add_argument("--demos", metavar="DIR", help=DEMOS + "those it was learned from")
     parser.add_argument("--balls", metavar="N", type=int, choices=(0, 1, 2), help="draggable obstacles, default 1")
@@ -212,7 +212,7 @@ def _add_teach(commands) -> None:
         epilog="example: jaxrmp teach --robot panda --out out/cup",
     )
     parser.add_argument("--robot", metavar="FILE", default="panda", help="panda (default), or an MJCF or URDF file")
-    parser.add_argument("--frame", metavar="NAME", help="the frame that is dragged, default the hand or the last one")
+    parser.add_argument("--frame", metavar="FRAME", help="the frame that is dragged, default the hand or the last one")
     parser.add_argument("--out", metavar="DIR", type=Path, required=True, help="folder to save demonstrations to")
     parser.add_argument("--overwrite", action="store_true", help="replace demonstrations that are there")
     _add_page(parser)

@@ -60,3 +60,43 @@ def test_the_script_for_zsh_is_made_of_whole_words():
     assert "run:run a skill in physics" in words
     assert "--scene[where]:scene:(drawer drawer_obstacle door)" in words
     assert "--quiet[show no progress, results and errors only];;" in words
+
+
+@pytest.mark.skipif(shutil.which("fish") is None, reason="needs fish")
+def test_fish_completes(tmp_path):
+    script = tmp_path / "jaxrmp.fish"
+    script.write_text(fish_script())
+
+    def offered(line):
+        done = subprocess.run(
+            ["fish", "--no-config", "-c", f"source {script}; complete -C '{line}'"],
+            cwd=tmp_path,
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        return [word.split("\t")[0] for word in done.stdout.splitlines()]
+
+    assert offered("jaxrmp repr") == ["reproduce"]
+    assert offered("jaxrmp run skill.npz --tracker-d") == ["--tracker-delay", "--tracker-dropouts"]
+    assert offered("jaxrmp run skill.npz --scene d") == ["door", "drawer", "drawer_obstacle"]
+    assert offered("jaxrmp completion ") == ["bash", "fish", "zsh"]
+    assert offered("jaxrmp reproduce jax") == ["jaxrmp.fish"]
+
+
+@pytest.mark.skipif(shutil.which("zsh") is None, reason="needs zsh")
+def test_zsh_is_told_what_to_complete(tmp_path):
+    script = tmp_path / "_jaxrmp"
+    script.write_text(zsh_script())
+    subprocess.run(["zsh", "-n", str(script)], check=True)
+    # zsh's own functions need a terminal: here they print what they are given.
+    stand_ins = "_arguments() { print -rl -- $@ }; _describe() { print -rl -- ${(P)2} }; compdef() { : }"
+
+    def told(*words):
+        line = f"{stand_ins}; source {script}; words=(jaxrmp {' '.join(words)}); CURRENT={len(words) + 1}; _jaxrmp"
+        return subprocess.run(["zsh", "-f", "-c", line], capture_output=True, text=True, check=True).stdout.splitlines()
+
+    assert any(line.startswith("reproduce:") for line in told("re"))
+    run = told("run", "skill.npz", "--scene", "d")
+    assert any(line.startswith("--scene[") and line.endswith(":(drawer drawer_obstacle door)") for line in run)
+    assert any(line.startswith("--frame[") and line.endswith(":FRAME:_files") for line in told("teach", "--frame", "p"))

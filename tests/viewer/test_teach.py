@@ -9,6 +9,7 @@ from jaxrmp.cli import main
 from jaxrmp.learning import load_demonstrations, load_skill
 
 FAST = ["--metric.updates", "200", "--potential.widths", "[0.05]", "--potential.basin_starts", "200"]
+BY_JOINTS = "joint sliders"
 SPEED = 4.0  # of the page's own slider: what is recorded has simulated time
 AWAY = np.array(
     [[0.0, 0.25, 0.1], [0.05, 0.3, 0.0], [-0.05, 0.2, 0.15], [0.05, 0.2, 0.05], [0.0, 0.3, 0.12], [0.1, 0.25, 0.15]]
@@ -94,6 +95,14 @@ def test_what_is_taught_in_the_browser_is_learned_and_reproduced(teacher, page_o
     page.click("Replay", lambda: np.linalg.norm(hand_of(teacher)[:3, 3] - last.hand[0]) < 0.03)
     page.wait(lambda: not teacher.loop.replaying, "the replay to end")
     assert np.linalg.norm(hand_of(teacher)[:3, 3] - last.hand[-1]) < 0.01
+
+    page.send("GuiUpdateMessage", uuid=teacher.mode._impl.uuid, updates={"value": BY_JOINTS})
+    page.wait(lambda: teacher._sliders[0].visible, "the joint sliders")
+    before = teacher.loop.frame.q.copy()
+    turned = float(before[0]) + 0.3
+    page.send("GuiUpdateMessage", uuid=teacher._sliders[0]._impl.uuid, updates={"value": turned})
+    page.wait(lambda: abs(teacher.loop.frame.q[0] - turned) < 0.02, "the first joint at its slider")
+    assert np.abs(teacher.loop.frame.q[1:] - before[1:]).max() < 0.05
 
     page.click("Save", lambda: "Saved 6" in teacher.told.content)
     page.page.get_by_text("Saved 6 demonstrations").wait_for()

@@ -144,6 +144,15 @@ def test_spheres_and_lines_are_shown_on_demand(viewer, page_of):
     set_control(page, viewer.shown["collision spheres"], False)
 
 
+def test_reproductions_are_rolled_out_when_they_are_asked_for(viewer, page_of):
+    page = page_of(viewer)
+    assert "reproductions" not in viewer._lines
+    set_control(page, viewer.shown["reproductions"], True)
+    page.page.get_by_text("mean DTW").first.wait_for(timeout=90_000)
+    assert viewer.server.scene.get_handle_by_name("/lines/reproductions") is not None
+    set_control(page, viewer.shown["reproductions"], False)
+
+
 def test_the_session_outlives_its_page_and_can_be_told_to_end_with_it(viewer, page_of):
     page = page_of(viewer)
     page.wait(lambda: len(viewer.server.get_clients()) == 1, "one page")
