@@ -38,7 +38,8 @@ def test_an_arm_of_ones_own_follows_its_goal_until_ctrl_c(command, chromium, tmp
     page.drag("/target", goal)
 
     def arm_has_moved() -> bool:
-        return np.abs(pixels(page.picture(tmp_path / "after.png")) - before).max(-1).mean() > 0.005
+        change = np.abs(pixels(page.picture(tmp_path / "after.png")) - before).max(-1)
+        return (change > 0.2).mean() > 0.003
 
     page.wait(arm_has_moved, "the arm to move on the page", 60)
     assert page.errors == []
@@ -50,7 +51,7 @@ def test_an_arm_of_ones_own_follows_its_goal_until_ctrl_c(command, chromium, tmp
 
 
 def pixels(png: bytes) -> np.ndarray:
-    """The middle of a picture of the page, without its panels: colours [height, width, 3] from 0 to 1."""
+    """The middle of a picture of the page, without its panels and what it tells: colours [height, width, 3], 0 to 1."""
     picture = matplotlib.image.imread(io.BytesIO(png))[..., :3]
     height, width = picture.shape[:2]
-    return picture[height // 5 :, 2 * width // 5 : 2 * width // 3]
+    return picture[2 * height // 5 :, 2 * width // 5 : 2 * width // 3]
