@@ -9,9 +9,12 @@ from typing import Any
 
 _SCRIPT = """
 import importlib, json, os, sys
-where, cores, arguments = json.loads(sys.argv[1])
+where, cores, here, arguments = json.loads(sys.argv[1])
 if cores:
     os.sched_setaffinity(0, cores)
+if here:
+    import jax
+    jax.config.update("jax_cpu_enable_async_dispatch", False)
 module, name = where.split(":")
 found = getattr(importlib.import_module(module), name)(*arguments)
 print("\\n" + json.dumps(found))
@@ -23,7 +26,9 @@ def in_child(where: str, *arguments: Any, cores: set[int] | None = None, **varia
 
     **Raises** `RuntimeError` with what the child printed, if it fails.
     """
-    command = [sys.executable, "-c", _SCRIPT, json.dumps([where, sorted(cores or ()), arguments])]
+    jax = sys.modules.get("jax")
+    here = jax is not None and not jax.config.read("jax_cpu_enable_async_dispatch")  # as `stay_on_one_core` leaves it
+    command = [sys.executable, "-c", _SCRIPT, json.dumps([where, sorted(cores or ()), here, arguments])]
     run = subprocess.run(command, env=environment_of(**variables), capture_output=True, text=True, check=False)
     if run.returncode:
         raise RuntimeError(f"{where}{arguments} failed in a child process:\n{run.stderr[-3000:]}")
@@ -46,11 +51,6 @@ def stay_on_one_core() -> None:
     if hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
     jax.config.update("jax_cpu_enable_async_dispatch", False)
-
-
-def own_cores() -> int:
-    """How many cores this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def fast_mjx_flags() -> dict[str, str]:

@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxrmp import Batched, Node, acceleration, pullback
+from jaxrmp._pytree import single
 from jaxrmp.cli._sources import robot_of
 from jaxrmp.io import load_lula
 from jaxrmp.kinematics import ControlPoints, Robot, panda
@@ -56,8 +57,8 @@ def policies(quick: bool) -> dict[str, Policy]:
     return found
 
 
-def policy(name: str) -> Policy:
-    """One of them by its name."""
+def policy_named(name: str) -> Policy:
+    """One of the policies by its name."""
     return {"panda_24_pairs": panda_24_pairs, "learned_drawer": learned_drawer, "lula_franka": lula_franka}[name]()
 
 
@@ -95,14 +96,14 @@ def learned_drawer(quick: bool = False) -> Policy:
 def lula_franka() -> Policy:
     """NVIDIA's policy for the Franka in the scene of their published test vector; targets and obstacles may move."""
     golden = json.loads((lula_folder() / "golden_franka.json").read_text())
-    policy = load_lula(*(lula_folder() / golden[name] for name in ("urdf", "xrdf", "config")))
+    loaded = load_lula(*(lula_folder() / golden[name] for name in ("urdf", "xrdf", "config")))
 
     def tree_of(moving):
         position, posture, world = moving
-        return policy.tree(frame=golden["frame"], position_target=position, cspace_target=posture, world=world)
+        return loaded.tree(frame=golden["frame"], position_target=position, cspace_target=posture, world=world)
 
     targets = (np.array(golden["position_target"]), np.array(golden["cspace_attractor"]))
-    return Policy(single((*targets, world_of(golden))), tree_of, policy.acceleration)
+    return Policy(single((*targets, world_of(golden))), tree_of, loaded.acceleration)
 
 
 def world_of(golden: dict[str, Any], free: int = 0) -> World:
@@ -123,11 +124,6 @@ def world_of(golden: dict[str, Any], free: int = 0) -> World:
 def lula_folder() -> Path:
     """Where NVIDIA's files are, if they are."""
     return Path(os.environ.get("JAXRMP_DATA") or os.devnull) / "lula"
-
-
-def single(tree: Any) -> Any:
-    """The same tree as NumPy arrays, its numbers in single precision."""
-    return jax.tree.map(lambda a: np.asarray(a, bool if np.asarray(a).dtype == bool else np.float32), tree)
 
 
 def on_device(tree: Any) -> Any:

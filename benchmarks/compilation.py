@@ -10,7 +10,7 @@ import jax
 
 from ._children import in_child
 from ._plots import bars
-from ._policies import lula_folder, policy, states
+from ._policies import lula_folder, policy_named, states
 from ._skills import skill_file
 
 BATCH = 1024
@@ -47,7 +47,7 @@ def figure(found: list[dict[str, Any]]) -> Any:
 
 def compiled(name: str, batch: int) -> dict[str, float]:
     """Compile and call a policy in this process, which has compiled no other."""
-    evaluate = policy(name)
+    evaluate = policy_named(name)
     moving = evaluate.moving
     Q, QD = states(max(batch, 1))
     arguments = (moving, Q, QD) if batch else (moving, Q[0], QD[0])

@@ -10,9 +10,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxrmp._cores import own_cores
 from jaxrmp.kinematics import PANDA_MODEL, forward_kinematics, geometric_jacobian, panda
 
-from ._children import fast_mjx_flags, in_child, own_cores
+from ._children import fast_mjx_flags, in_child
 from ._plots import bars
 from ._policies import states
 from ._timing import alternately, ratio

@@ -28,7 +28,7 @@ LINEAR = 1.05  # exponents up to here count as linear: a twentieth for what timi
 def rows(quick: bool = False) -> list[dict[str, Any]]:
     """Rows of `family`, `size`, and what one evaluation takes: in a batch, and as a single call from Python.
 
-    Batches are mapped by `jax.lax.map` with 512 states at once, which for up to 512 is `vmap`.
+    On a CPU, batches are mapped by `jax.lax.map` with 512 states at once, which for up to 512 is `vmap`.
 
     Then one row a family: with which power of the size the cost grows, from the second size on.
     """
@@ -128,7 +128,8 @@ def _call(tree: Any, evaluate: Callable, batch: int, joints: int) -> Callable[[]
     if batch == 1:
         one, q, qd = jax.jit(evaluate), Q[0], QD[0]
         return lambda: one(tree, q, qd).block_until_ready()
-    many = jax.jit(lambda tree, q, qd: jax.lax.map(lambda state: evaluate(tree, *state), (q, qd), batch_size=AT_ONCE))
+    at_once = AT_ONCE if jax.default_backend() == "cpu" else batch
+    many = jax.jit(lambda tree, q, qd: jax.lax.map(lambda state: evaluate(tree, *state), (q, qd), batch_size=at_once))
     return lambda: many(tree, Q, QD).block_until_ready()
 
 

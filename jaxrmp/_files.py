@@ -3,6 +3,7 @@
 import contextlib
 import os
 import tempfile
+import zipfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO
@@ -36,9 +37,11 @@ def read_npz(path: str | os.PathLike) -> dict[str, np.ndarray]:
     have many kinds of errors for damaged bytes.
     """
     try:
+        if not zipfile.is_zipfile(path) and Path(path).is_file():
+            raise ValueError("it is no NPZ archive, or its end is missing")
         with np.load(path, allow_pickle=False) as archive:
             return {name: archive[name] for name in archive.files}
-    except FileNotFoundError:
+    except (FileNotFoundError, ValueError):
         raise
     except Exception as error:
         raise ValueError(f"{type(error).__name__}: {error}") from error

@@ -2,8 +2,8 @@
 
 XLA:CPU fuses each output of a batch into a loop of its own and evaluates there anew what it is made of: of a kinematic
 chain the sines and cosines, two thirds of the run time at batch 4,096; of distances pulled back, normals and metrics
-nine times. A single state is faster without what helps against that, and other platforms do not need it: so what is
-here does nothing, but for a batch on a CPU.
+nine times. A single state is faster without what helps against that, and other platforms do not need it: so nothing
+here is done but for a batch on a CPU.
 """
 
 from collections.abc import Sequence
@@ -30,10 +30,13 @@ def materialise(x: jax.Array) -> jax.Array:
 
 
 def concatenated(groups: Sequence[Sequence[jax.Array]]) -> tuple[jax.Array, ...]:
-    """Every group of vectors as one vector, for groups of like sizes; in a batch on a CPU, all of them by one loop.
+    """Every group of vectors as one vector; in a batch on a CPU, all of them by one loop.
 
-    That loop has the entries of all groups next to each other, and computes what they share once.
+    That loop has the entries of all groups next to each other, and computes what they share once. Groups are alike,
+    array by array: vector k has the same size in each.
     """
+    if not groups:
+        return ()
     return tuple(_concatenated_p.bind(*(x for group in groups for x in group), count=len(groups)))
 
 

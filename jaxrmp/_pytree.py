@@ -10,6 +10,7 @@ import operator
 from typing import Any, TypeVar, dataclass_transform
 
 import jax
+import numpy as np
 
 T = TypeVar("T")
 _FLATTENED = "_flattened"
@@ -61,3 +62,8 @@ def set_field(value: Any, name: str, content: Any) -> None:
     """Assign a field of a frozen value; only for use inside its own `__post_init__`."""
     object.__setattr__(value, name, content)
     value.__dict__.pop(_FLATTENED, None)
+
+
+def single(tree: Any) -> Any:
+    """The same tree as NumPy arrays, its numbers in single precision: so that values can change without compiling."""
+    return jax.tree.map(lambda a: np.asarray(a, bool if np.asarray(a).dtype == bool else np.float32), tree)

@@ -1,8 +1,10 @@
 """`jaxrmp learn`: from a configuration and demonstrations to a skill, a report and pictures."""
 
 import argparse
+import sys
 from pathlib import Path
 
+from .._errors import ConfigurationError
 from ..learning import Learning, learn, learning_report, load_configuration, reproduce, save_skill
 from ..visualization import save_learning_figures, save_reproduction_figures
 from ._output import error_table, made_by, progress_bar, write_json
@@ -17,6 +19,8 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
     robot = robot_of(configuration)
     demonstrations = find_demonstrations(arguments.demos or default_demonstrations(configuration.name))
     out = arguments.out or Path("out") / configuration.name
+    if out.exists() and not out.is_dir():
+        raise ConfigurationError(f"--out {str(out)!r} is a file: give a folder.")
     out.mkdir(parents=True, exist_ok=True)
     with progress_bar(arguments.quiet) as progress:
         learning = learn(configuration, robot, demonstrations, progress)
@@ -34,6 +38,12 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
         drawn = save_learning_figures(learning, out / "figures")
         drawn += save_reproduction_figures(learning.prepared, reproduction, out / "figures")
         learning_page(report, made, pictures_in(drawn), out / "report.html")
+    if configuration.object and not demonstrations.object_names:
+        print(
+            f"jaxrmp: the demonstrations track no object, so the skill lives in the frame of {configuration.base!r} "
+            f"and knows no {configuration.object!r}. In CSV files, are its columns there?",
+            file=sys.stderr,
+        )
     print(_summary(learning))
     print(error_table(result))
     print(f"skill written to {skill_file}; the report to read is {out / 'report.html'}")

@@ -14,6 +14,7 @@ def show(session: Session, until_closed: bool, hint: str) -> None:
     print("compiling the policy (seconds, the first time up to a minute) ...", flush=True)
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGTERM, _interrupt)
+        signal.signal(signal.SIGINT, _interrupt)  # ignored in what a script starts in the background
     try:
         session.start()
         print(f"The page is at {session.url}, for this machine only. {hint} Ctrl-C ends it.", flush=True)

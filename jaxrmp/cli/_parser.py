@@ -97,7 +97,7 @@ def _add_run(commands) -> None:
     parser.add_argument("--figures", metavar="DIR", type=Path, help="draw the trials")
     parser.add_argument("--seed", metavar="S", type=int, default=0, help="random seed, default 0")
     parser.add_argument("--limit", metavar="S", type=float, default=30.0, help="seconds a trial may take, default 30")
-    parser.add_argument("--strict", action="store_true", help="exit with 1 if a trial diverged")
+    parser.add_argument("--strict", action="store_true", help="exit with 1 if a trial fails or diverges")
     parser.add_argument(
         "--interface", choices=("torque", "velocity", "position"), default="torque", help="of the arm, default torque"
     )

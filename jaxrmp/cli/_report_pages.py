@@ -18,7 +18,7 @@ FIGURES = {
     ),
     "loss": ("Training", "The loss of every subtask's metric."),
     "triangles": ("Demonstrated and reproduced", "The control points, joined up at instants even in arc length."),
-    "energy": ("Energy", "V along every reproduction; it may not rise."),
+    "energy": ("Energy", "V along every reproduction; it must not rise."),
     "physics": ("Physics over time", "The furniture's joint, the fastest joint and the largest torque of every trial."),
     "snapshots": ("Snapshots", "One trial at six instants."),
 }

@@ -30,6 +30,7 @@ from ..simulation import (
     whole_arm_policy,
 )
 from ..visualization import (
+    check_video_name,
     physics_figure,
     png,
     prepare_headless,
@@ -43,6 +44,8 @@ from ._sources import demonstrations_of
 
 
 def run(arguments: argparse.Namespace, rest: list[str]) -> None:
+    if arguments.video:
+        check_video_name(arguments.video)
     if arguments.video or arguments.figures:
         prepare_headless()
     skill = load_skill(arguments.skill)
@@ -101,9 +104,12 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
     diverged = [t["trial"] for t in report["per_trial"] if t["diverged"]]
     if diverged:
         message = f"{len(diverged)} of {len(trials)} trials diverged: {diverged}. Replay one with --trial K."
-        if arguments.strict:
-            raise RolloutError(message)
         print(f"jaxrmp: {message}", file=sys.stderr)
+    failed = [t["trial"] for t in report["per_trial"] if not t["success"]]
+    if arguments.strict and failed:
+        raise RolloutError(
+            f"--strict: {len(failed)} of {len(trials)} trials did not succeed: {failed}. Replay one with --trial K."
+        )
 
 
 def _settings(arguments: argparse.Namespace) -> dict[str, Any]:

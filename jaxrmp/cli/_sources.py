@@ -4,7 +4,7 @@ import os
 from dataclasses import replace
 from pathlib import Path
 
-from .._errors import DemonstrationError
+from .._errors import DemonstrationError, RobotError
 from ..kinematics import Robot, load_robot, panda
 from ..learning import Configuration, DemonstrationSet, Skill, load_demonstrations, load_skill
 from ..synthetic import SYNTHETIC_TASKS, synthetic_demonstrations
@@ -26,7 +26,12 @@ def skill_and_robot(file: str | os.PathLike, named: str | None) -> tuple[Skill, 
     """
     skill = load_skill(file)
     configuration = replace(skill.configuration, robot=named) if named else skill.configuration
-    robot = robot_of(configuration)
+    try:
+        robot = robot_of(configuration)
+    except RobotError as error:
+        if named:
+            raise
+        raise RobotError(f"the robot that the skill was learned on: {error} If it has moved: --robot FILE.") from error
     skill.check_robot(robot)
     return replace(skill, configuration=configuration), robot
 

@@ -20,12 +20,12 @@ def jacobian_rows(
 
     As `jacobian_columns`, for points on different bodies at once and with the longer axis last.
     """
-    joints = _moving(model, axes)
+    joints = moving(model, axes)
     if not joints:
         still = jnp.zeros((len(model.joint_names), len(bodies)), dtype)
         return still, still, still
     moved = _above(model, joints, bodies, dtype)
-    turns, slides = _turns_and_slides(model, joints, axes)
+    turns, slides = turns_and_slides(model, joints, axes)
     directions, anchors, slides = _entries([turns, [axes[i].anchor for i in joints], slides], dtype)
     directions, slides, anchors = (
         tuple(v if isinstance(v, float) else v[:, None] for v in vector) for vector in (directions, slides, anchors)
@@ -51,11 +51,11 @@ def line_rows(
     body changes the distance by `z . (p x u) + (o x z) . u` if it turns about the axis z through o, by `z . u` if it
     slides; one above the second by minus that; and one above both by nothing, whatever the line is.
     """
-    joints, P = _moving(model, axes), len(ends[0])
+    joints, P = moving(model, axes), len(ends[0])
     if not joints:
         return jnp.zeros((len(model.joint_names), P), dtype)
     sign = _above(model, joints, ends[0], dtype) - _above(model, joints, ends[1], dtype)
-    turns, slides = _turns_and_slides(model, joints, axes)
+    turns, slides = turns_and_slides(model, joints, axes)
     slides = [add3(cross(axes[i].anchor, turn), slide) for i, turn, slide in zip(joints, turns, slides, strict=True)]
     entries = [v for vectors in (turns, slides) for column in zip(*vectors, strict=True) for v in column]
     screws = jnp.stack([jnp.asarray(v, dtype) for v in entries]).reshape(6, len(joints))
@@ -63,7 +63,8 @@ def line_rows(
     return _by_coordinate(model, joints, sign * (screws.T @ lines))
 
 
-def _moving(model: KinematicModel, axes: dict[int, JointAxis]) -> list[int]:
+def moving(model: KinematicModel, axes: dict[int, JointAxis]) -> list[int]:
+    """The joints among `axes` that a coordinate moves."""
     return [i for i in axes if model.joints[i].coordinate >= 0]
 
 
@@ -73,7 +74,7 @@ def _above(model: KinematicModel, joints: list[int], bodies: Sequence[int], dtyp
     return np.array([[i in found for found in above] for i in joints], dtype).reshape(len(joints), len(bodies))
 
 
-def _turns_and_slides(
+def turns_and_slides(
     model: KinematicModel, joints: list[int], axes: dict[int, JointAxis]
 ) -> tuple[list[Vector], list[Vector]]:
     """Angular velocity, and velocity besides that, that each joint gives at unit rate of its coordinate."""
@@ -125,8 +126,8 @@ def _entries(several: list[list[Vector]], dtype: Any) -> list[Vector]:
     """Lists of vectors, each as one vector of arrays; a component that is zero throughout stays a float."""
     columns = [column for vectors in several for column in zip(*vectors, strict=True)]
     zero = [all(isinstance(v, float) and v == 0.0 for v in column) for column in columns]
-    known = [[jnp.asarray(v, dtype).reshape(1) for v in c] for c, z in zip(columns, zero, strict=True) if not z]
-    found = iter(concatenated(known))
+    others = [[jnp.asarray(v, dtype).reshape(1) for v in c] for c, z in zip(columns, zero, strict=True) if not z]
+    found = iter(concatenated(others))
     entries = [0.0 if z else next(found) for z in zero]
     return [(entries[i], entries[i + 1], entries[i + 2]) for i in range(0, len(entries), 3)]
 

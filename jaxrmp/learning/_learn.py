@@ -124,7 +124,7 @@ def learn(
         frames=frames,
         subtasks=tuple(subtask.name for subtask in configuration.subtasks),
         limited=limited,
-        configuration=configuration,
+        configuration=configuration if demonstrations.object_names else replace(configuration, object=""),
         robot_fingerprint=robot.fingerprint,
         source=demonstrations.source,
     )

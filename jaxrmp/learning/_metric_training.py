@@ -1,7 +1,6 @@
 """Fits the metrics of all subtasks at once to the directions of their demonstrations. Only this module knows optax."""
 
 import math
-import os
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
@@ -12,6 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._cores import own_cores
 from .._errors import ConfigurationError, MissingDependencyError, TrainingError, UnknownNameError
 from ..leaves import natural_gradient_field
 from ._configuration import LOSSES
@@ -67,7 +67,7 @@ def train_metrics(
     """Train the Cholesky factors of K subtasks so that `-M^-1 slope` reproduces `velocity` at all points.
 
     Full-batch Adam with a learning rate that falls to zero along a cosine, in a compiled loop that the subtasks share.
-    They run at once, each on a core.
+    They run at once: on a CPU, each on a core of its own.
 
     **Arguments**: `x` [K, N, m], positions, metres; `slope` [K, N, m], the potentials' gradients there; `velocity`
     [K, N, m], what the field should be; `support`, K of them, stacked: where the networks count,
@@ -88,9 +88,11 @@ def train_metrics(
         return initial_cholesky_factor(key, x.shape[-1], hidden, activation, offset, length_scale, support)
 
     factors = jax.vmap(initial)(keys, support)
-    over_points = jax.vmap(jax.vmap(lambda support, x: support(x), in_axes=(None, 0)))
-    shares = None if support is None else jax.jit(over_points)(support, x)  # they stay while weights change
-    stacked = _Problem(replace(factors, support=None), x, slope, velocity, shares)
+    shares = None
+    if support is not None:  # they stay while weights change
+        shares = jax.jit(jax.vmap(jax.vmap(lambda support, x: support(x), in_axes=(None, 0))))(support, x)
+    # JAX's arrays: threads have not this one's precision, and would read others anew.
+    stacked = jax.tree.map(jnp.asarray, _Problem(replace(factors, support=None), x, slope, velocity, shares))
     problems = [jax.tree.map(lambda a, k=k: a[k], stacked) for k in range(K)]
     schedule = optax.cosine_decay_schedule(learning_rate, updates)
     optimizer = optax.chain(
@@ -163,20 +165,15 @@ def _side_by_side(advance: Callable[[int], np.ndarray], count: int, calls: int) 
     A matrix product of this size gains little from a second core; another subtask's gains all of it.
     """
     left = [calls] * count
-    with ThreadPoolExecutor(min(count, _cores())) as pool:
+    with ThreadPoolExecutor(min(count, own_cores())) as pool:
         running = {pool.submit(advance, k): k for k in range(count)}
         try:
             while running:
-                for future in wait(running, return_when=FIRST_COMPLETED).done:
-                    k = running.pop(future)
+                for future in sorted(wait(running, return_when=FIRST_COMPLETED).done, key=running.__getitem__):
+                    k, values = running.pop(future), future.result()
                     left[k] -= 1
                     if left[k]:
                         running[pool.submit(advance, k)] = k
-                    yield k, future.result()
+                    yield k, values
         finally:
             pool.shutdown(cancel_futures=True)
-
-
-def _cores() -> int:
-    """How many cores this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._pytree import pytree, static
+from .._pytree import pytree, single, static
 from .._task_map import Selection
 from .._tree import Batched, Node, pullback
 from ..kinematics import ControlPoints, FrameRotation, Robot, panda
@@ -63,7 +63,7 @@ class ReachPolicy:
         """The policy with the goal at a pose [4, 4] and these obstacles; no avoidance in a world without slots."""
         T, robot = jnp.asarray(T_world_goal), self.robot
         reach = replace(self.reach, goal=T[:3, 3])
-        tree = pullback(ControlPoints(robot, self.hand, np.zeros((1, 3))), Batched(reach, shared=True))
+        tree = pullback(ControlPoints(robot, self.hand), Batched(reach, shared=True))
         tree = tree + pullback(FrameRotation(robot, self.hand), replace(self.turn, R_world_goal=T[:3, :3]))
         if self.spheres is not None and world.size:
             moving = self.spheres.without(*self.standing)
@@ -96,14 +96,14 @@ def reach_policy(
     pairs: Any = ()
     if spheres is not None and apart:
         pairs = panda_self_pairs() if own and spheres is panda_spheres() else self_pairs(robot, spheres.frames)
-    apart_by = ScenePolicy.self_avoidance
+    keeping_off = ScenePolicy.self_avoidance
     policy = ReachPolicy(
         robot=robot,
         spheres=spheres,
         reach=Attractor(np.zeros(3), 5.0, 5.0, gain=10.0, sharpness=15.0, damping_rate=24.0, name="reach"),
         turn=OrientationAttractor(np.eye(3), 0.2, stiffness=50.0, damping_rate=14.0, name="turn"),
-        avoidance=replace(apart_by, reach=0.06, name="obstacles"),
-        self_avoidance=apart_by,
+        avoidance=replace(keeping_off, reach=0.06, name="obstacles"),
+        self_avoidance=keeping_off,
         limit=_joint_limit(lower, upper, limited) if limited else None,
         velocity=JointVelocityLimit(fastest[list(paced)], onset=0.6) if paced else None,
         posture=Posture(np.asarray(rest, float), weight=0.02, stiffness=0.5, damping_rate=3.0),
@@ -115,11 +115,6 @@ def reach_policy(
         standing=tuple(name for name in _BASE if own and spheres is not None and name in spheres.frames),
     )
     return single(policy)
-
-
-def single(policy: Any) -> Any:
-    """Any policy with its numbers in single precision, as arrays: so they can change without compiling again."""
-    return jax.tree.map(lambda a: np.asarray(a, bool if np.asarray(a).dtype == bool else np.float32), policy)
 
 
 def _joint_limit(lower: np.ndarray, upper: np.ndarray, limited: tuple[int, ...]) -> JointLimit:

@@ -91,7 +91,7 @@ class Viewer(Session):
     def draw(self, frame: Frame) -> None:
         super().draw(frame)
         place(self._frame, np.asarray(frame.situation.T_world_target, float))
-        for name, lines in self._lines.items():
+        for name, lines in tuple(self._lines.items()):  # another thread adds to them
             lines.show(bool(self.shown[name].value), bool(self.shown["triangles"].value))
 
     def _hand_triangle(self, server: Any, skill: Skill) -> None:

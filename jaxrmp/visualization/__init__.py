@@ -15,6 +15,7 @@ from ._save import save_physics_figures as save_physics_figures
 from ._save import save_reproduction_figures as save_reproduction_figures
 from ._triangles import triangle_figure as triangle_figure
 from ._vector_field import vector_field_figure as vector_field_figure
+from ._video import check_video_name as check_video_name
 from ._video import prepare_headless as prepare_headless
 from ._video import save_video as save_video
 from ._video import snapshots as snapshots

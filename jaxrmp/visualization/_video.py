@@ -40,6 +40,12 @@ def prepare_headless() -> None:
     os.environ["MUJOCO_GL"] = "osmesa"
 
 
+def check_video_name(path: str | os.PathLike) -> None:
+    """**Raises** `ConfigurationError` for a file whose ending is that of no video we can write."""
+    if Path(path).suffix not in _ENCODING:
+        raise ConfigurationError(f"video {str(path)!r}: expected a name that ends in .mp4 or .gif.")
+
+
 def save_video(run: Run, path: str | os.PathLike, trials: int = 3) -> Path:
     """Write the first trials of a run, one after the other, in real time, as MP4 or GIF by the file's ending.
 
@@ -47,8 +53,7 @@ def save_video(run: Run, path: str | os.PathLike, trials: int = 3) -> Path:
     imageio-ffmpeg.
     """
     path = Path(path)
-    if path.suffix not in _ENCODING:
-        raise ConfigurationError(f"video {str(path)!r}: expected a name that ends in .mp4 or .gif.")
+    check_video_name(path)
     try:
         from imageio_ffmpeg import get_ffmpeg_exe
     except ImportError as error:

@@ -149,6 +149,24 @@ def test_run_closes_the_drawer_in_physics(learned, tmp_path, capsys):
     assert replayed["time_s"] == pytest.approx(report["per_trial"][6]["time_s"], abs=0.1)
 
 
+def test_a_trial_that_fails_is_an_error_if_that_is_asked_for(learned, capsys):
+    command = ["run", str(learned / "drawer_closing.skill.npz"), "--scene", "drawer", "--trials", "1", "--limit", "0.3"]
+    assert main(command) == 0
+    assert main([*command, "--strict"]) == 1
+    printed = capsys.readouterr()
+    assert "0 of 1 trials succeeded" in printed.out
+    assert "--strict: 1 of 1 trials did not succeed: [0]. Replay one with --trial K." in printed.err
+
+
+def test_what_cannot_be_written_or_read_is_said_before_anything_runs(learned, tmp_path, capsys):
+    skill = str(learned / "drawer_closing.skill.npz")
+    assert main(["run", skill, "--scene", "drawer", "--video", str(tmp_path / "run.avi")]) == 1
+    assert "run.avi': expected a name that ends in .mp4 or .gif" in capsys.readouterr().err
+    assert main(["reproduce", str(CONFIG)]) == 1
+    error = capsys.readouterr().err
+    assert "is no skill file, or is damaged: it is no NPZ archive" in error and "pickle" not in error
+
+
 def test_run_refuses_a_scene_without_the_skills_object(learned, capsys):
     skill = str(learned / "drawer_closing.skill.npz")
     assert main(["run", skill, "--scene", "door"]) == 1
@@ -167,7 +185,7 @@ def test_an_output_folder_that_cannot_be_is_said_before_learning(demos, capsys, 
     (tmp_path / "file").write_text("")
     assert main(["learn", CONFIG, "--demos", demos, "--out", str(tmp_path / "file")]) == 1
     printed = capsys.readouterr().err
-    assert "cannot write or read" in printed
+    assert "file' is a file: give a folder" in printed
     assert "potentials" not in printed
 
 

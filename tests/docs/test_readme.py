@@ -6,6 +6,7 @@ import shlex
 from functools import partial
 from pathlib import Path
 
+import jax
 import pytest
 
 from jaxrmp import learning
@@ -35,8 +36,13 @@ def command_lines(program: str) -> list[str]:
 def run_blocks(text: str, name: str) -> dict:
     """Run all Python blocks of a text one after the other in one namespace, as a reader would, and return it."""
     namespace: dict = {"__name__": name}
-    for number, block in enumerate(code_blocks(text, "python")):
-        exec(compile(block, f"{name}, block {number}", "exec"), namespace)
+    inline = "jax_cpu_enable_async_dispatch"  # which a control loop switches off for its whole process
+    before = jax.config.read(inline)
+    try:
+        for number, block in enumerate(code_blocks(text, "python")):
+            exec(compile(block, f"{name}, block {number}", "exec"), namespace)
+    finally:
+        jax.config.update(inline, before)
     return namespace
 
 

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from jaxrmp._errors import ShapeError, UnknownNameError
-from jaxrmp.kinematics import geometric_jacobian, panda
+from jaxrmp.kinematics import forward_kinematics, geometric_jacobian, panda
 
-FRAMES = {
+FRAMES: dict[str, tuple[str, ...]] = {
     "panda": ("panda_hand", "panda_link4", "panda_rightfinger", "panda_link0"),
-    "branching": ("right_finger", "column", "right_hook"),
+    "branching": ("right_finger", "column", "right_hook", "site:left_lower"),
 }
 
 
@@ -24,8 +24,24 @@ def test_it_is_mujocos(oracle, random_configurations):
         for q, J in zip(Q, ours, strict=True):
             oracle.set(q)
             linear, angular = np.zeros((3, model.nv)), np.zeros((3, model.nv))
-            mujoco.mj_jacBody(model, oracle.data, linear, angular, model.body(frame).id)
+            if frame.startswith("site:"):
+                mujoco.mj_jacSite(model, oracle.data, linear, angular, model.site(frame.removeprefix("site:")).id)
+            else:
+                mujoco.mj_jacBody(model, oracle.data, linear, angular, model.body(frame).id)
             np.testing.assert_allclose(J, np.concatenate([linear, angular]) @ oracle.expansion(), rtol=0, atol=1e-12)
+
+
+def test_it_is_differentiable_in_the_precision_it_is_given():
+    q = jnp.linspace(-0.5, 0.5, 7, dtype=jnp.float32)
+    assert geometric_jacobian(panda(), q, "panda_hand").dtype == jnp.float32
+
+    def height(q):
+        return forward_kinematics(panda(), q, "panda_hand")[2, 3]
+
+    with jax.enable_x64(True):
+        q = jnp.linspace(-0.5, 0.5, 7)
+        rate = jax.jacfwd(lambda q: geometric_jacobian(panda(), q, "panda_hand")[2])(q)
+        np.testing.assert_allclose(rate, jax.hessian(height)(q), atol=1e-12)
 
 
 def test_wrong_arguments_are_named():

@@ -80,6 +80,15 @@ def test_joints_may_come_in_another_order_and_must_have_the_robots_names(configu
         prepare(configuration, panda(), renamed)
 
 
+def test_a_skill_says_so_that_was_learned_without_its_object(configuration, door):
+    fast = replace(configuration.potential, widths=(0.05,), basin_starts=20)
+    quick = replace(configuration, potential=fast, metric=replace(configuration.metric, updates=2))
+    blind = replace(door, demonstrations=tuple(replace(d, poses={}) for d in door.demonstrations))
+    tolerant = replace(quick, target=replace(quick.target, end_tolerance=0.5))
+    skill = learn(tolerant, panda(), blind).skill
+    assert skill.configuration.object == "" and configuration.object == "door_handle"
+
+
 def test_an_object_that_is_not_there_is_named_and_one_that_moves_is_refused(configuration, door):
     with pytest.raises(UnknownNameError, match="unknown object 'door_handel'. Did you mean 'door_handle'"):
         prepare(replace(configuration, object="door_handel"), panda(), door)

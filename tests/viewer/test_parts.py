@@ -198,8 +198,8 @@ def test_the_configuration_beside_a_set_can_be_read(tmp_path):
 
 
 def test_gains_are_found_and_set_without_changing_their_shape():
+    from jaxrmp._pytree import single
     from jaxrmp.viewer import reach_content
-    from jaxrmp.viewer._reach import single
 
     policy = single(reach_content(apart=False).policy)
     assert {"reach.gain", "turn.stiffness", "avoidance.barrier"} <= {gain.path for gain in gains_of(policy)}

@@ -163,8 +163,12 @@ def test_the_session_outlives_its_page_and_can_be_told_to_end_with_it(viewer, pa
 
 def test_distances_to_the_furniture_and_of_the_arm_to_itself_are_plotted(viewer, page_of):
     assert viewer._distances == ("to furniture", "to itself")
-    seen = viewer.plots._distances._rows
-    page_of(viewer).wait(lambda: 0 < seen[-1][1] < 30 and 0 < seen[-1][2] < 30, "distances that are measured, cm")
+
+    def measured() -> bool:
+        rows = list(viewer.plots._distances._rows)
+        return bool(rows) and 0 < rows[-1][1] < 30 and 0 < rows[-1][2] < 30  # cm
+
+    page_of(viewer).wait(measured, "distances that are measured")
 
 
 def test_a_skill_without_its_demonstrations_can_still_be_shown(viewer):
