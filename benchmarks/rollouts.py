@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxrmp._cores import own_cores
 from jaxrmp.cli._sources import robot_of
 from jaxrmp.evaluation import scene_problem
 from jaxrmp.kinematics._mujoco import import_mujoco
@@ -15,7 +16,7 @@ from jaxrmp.learning import load_skill
 from jaxrmp.scenes import scene
 from jaxrmp.simulation import MjxEngine, MujocoEngine, StopCriteria, arm_in_scene
 
-from ._children import fast_mjx_flags, in_child, own_cores
+from ._children import fast_mjx_flags, in_child
 from ._plots import curves
 from ._policies import POSTURE
 from ._skills import skill_file
