@@ -43,11 +43,11 @@ def test_an_arm_of_ones_own_follows_its_goal_until_ctrl_c(command, chromium, tmp
             seen.append(pixels(page, tmp_path / "before.png"))
             return changed(*seen[-2:]) == 0 and seen[-1].std() > 0.01
 
-        page.wait(still, "the arm to be drawn", 90)
+        page.wait(still, "the arm to be drawn", 120)
         goal = reach_content(str(SIX_AXIS)).T_world_target.copy()
         goal[:3, 3] += [-0.2, 0.3, -0.2]
         page.drag("/target", goal)
-        page.wait(lambda: changed(pixels(page, tmp_path / "after.png"), seen[-1]) > 0.003, "the arm to move", 60)
+        page.wait(lambda: changed(pixels(page, tmp_path / "after.png"), seen[-1]) > 0.003, "the arm to move", 120)
         assert page.errors == []
     finally:
         page.close()
