@@ -38,7 +38,7 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
         drawn = save_learning_figures(learning, out / "figures")
         drawn += save_reproduction_figures(learning.prepared, reproduction, out / "figures")
         learning_page(report, made, pictures_in(drawn), out / "report.html")
-    if configuration.object and not demonstrations.object_names:
+    if learning.skill.configuration.object != configuration.object:
         print(
             f"jaxrmp: the demonstrations track no object, so the skill lives in the frame of {configuration.base!r} "
             f"and knows no {configuration.object!r}. In CSV files, are its columns there?",

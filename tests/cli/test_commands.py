@@ -62,6 +62,14 @@ def test_learn_writes_skill_report_pictures_and_what_made_them(learned, demos):
     assert told == report
 
 
+def test_demonstrations_without_the_configured_object_are_told_of(demos, tmp_path, capsys):
+    door = CONFIG.replace("drawer_closing", "door_reaching")
+    assert main(["learn", door, "--demos", demos, "--out", str(tmp_path), *FAST]) == 0
+    assert "lives in the frame of 'world' and knows no 'door_handle'" in capsys.readouterr().err
+    assert main(["run", str(tmp_path / "door_reaching.skill.npz"), "--scene", "door", "--trials", "1"]) == 1
+    assert "scene 'door' tracks the object 'door_handle'" in capsys.readouterr().err
+
+
 def test_what_was_learned_is_a_page_that_needs_nothing_else(learned):
     page = (learned / "report.html").read_text(encoding="utf-8")
     assert not re.search(r"(src|href)=\"(?!data:)", page)
