@@ -12,7 +12,7 @@ import jax.numpy as jnp
 
 from ._errors import ShapeError, UnknownNameError
 from ._linalg import cholesky_solve, lu_solve
-from ._materialise import materialise
+from ._one_loop import one_loop
 from ._pytree import pytree
 
 Method = Literal["cholesky", "pinv", "lu"]
@@ -109,7 +109,7 @@ def resolve(form: NaturalForm, method: Method = "cholesky") -> jax.Array:
     RMPflow (Cheng et al. 2018), section 3.2.
     """
     if method == "cholesky":
-        return cholesky_solve(materialise(form.M), materialise(form.f))
+        return one_loop(cholesky_solve)(form.M, form.f)
     if method == "pinv":
         return jnp.einsum("...ij,...j->...i", jnp.linalg.pinv(form.M), form.f)
     if method == "lu":

@@ -10,11 +10,12 @@ import numpy as np
 from .._errors import ShapeError
 from .._forms import NaturalForm
 from .._materialise import concatenated
+from .._one_loop import one_loop
 from .._pytree import pytree, set_field, static
 from .._task_map import Pushforward, TaskMap, Transport
 from ._forward import configuration
 from ._jacobian import jacobian_columns, jacobian_rows, rows
-from ._motion import BodyMotion, JointAxis, attach, carry, move
+from ._motion import BodyMotion, JointAxis, attach, carry, move, turns_at
 from ._robot import Robot
 from ._scalars import Vector, rotate
 
@@ -27,6 +28,11 @@ class PointMotions(NamedTuple):
     acceleration: Vector
     bodies: tuple[int, ...]
     axes: dict[int, JointAxis]
+
+
+@one_loop
+def _as_points(*vectors: Vector) -> tuple[jax.Array, ...]:
+    return tuple(jnp.stack(vector, axis=1) for vector in vectors)
 
 
 @pytree
@@ -88,43 +94,50 @@ class ControlPoints(TaskMap):
 
     def transport(self, x, xd):
         motions = self.motions(x, xd)
-        y, yd, c = (jnp.stack(part, axis=1) for part in motions[:3])
+        y, yd, c = _as_points(motions.position, motions.velocity, motions.acceleration)
 
-        def pull(form):
-            form = form.dense()
-            M = [[form.M[:, i, j] for j in range(3)] for i in range(3)]
-            f = [form.f[:, i] - sum(M[i][j] * c[:, j] for j in range(3)) for i in range(3)]
-            J = jacobian_rows(self.robot.model, motions.bodies, motions.position, motions.axes, x.dtype)
+        @one_loop
+        def pull(f, M, c, position, axes):
+            M = [[M[:, i, j] for j in range(3)] for i in range(3)]
+            f = [f[:, i] - sum(M[i][j] * c[:, j] for j in range(3)) for i in range(3)]
+            J = jacobian_rows(self.robot.model, motions.bodies, position, axes, x.dtype)
             MJ = [jnp.asarray(sum(M[i][j] * J[j] for j in range(3))) for i in range(3)]
-            # One product of all components: in a batch, XLA:CPU takes as long for a small one as for a larger one.
+            # One product of all components: where it is no loop of scalars, XLA:CPU takes as long for a small one.
             whole = jnp.concatenate(J, axis=1)
-            return NaturalForm(whole @ jnp.concatenate(f), whole @ jnp.concatenate(MJ, axis=1).T)
+            return whole @ jnp.concatenate(f), whole @ jnp.concatenate(MJ, axis=1).T
 
-        return Transport(y, yd, pull)
+        def pull_form(form):
+            form = form.dense()
+            return NaturalForm(*pull(form.f, form.M, c, motions.position, motions.axes))
+
+        return Transport(y, yd, pull_form)
 
     def motions(self, x: jax.Array, xd: jax.Array) -> PointMotions:
         """What the Jacobian of the points, and of distances between them, is made of."""
         x, xd = configuration(self.robot, x), configuration(self.robot, xd, "xd")
-        motions, axes = self._point_motions(x, xd)
-        bodies = [0] * len(self.frames)
+        bodies = tuple(self.robot.model.frames[self.robot.frame_index(name)].body for name in self.frames)
+        turns = turns_at(self.robot.model, bodies, x)
+        position, velocity, acceleration, axes = one_loop(self._motions)(x, xd, turns)
+        return PointMotions(position, velocity, acceleration, bodies, axes)
+
+    def _motions(self, x, xd, turns):
+        motions, axes = self._point_motions(x, xd, turns)
         groups: list[list[jax.Array]] = []
-        for body, k, motion in motions:
-            for i in k:
-                bodies[i] = body
+        for _, k, motion in motions:
             entries = (*motion.position, *motion.velocity, *motion.acceleration)
             groups.append([jnp.broadcast_to(jnp.asarray(v, x.dtype), (len(k),)) for v in entries])
         x, y, z, *rest = (self._ordered(column) for column in concatenated(list(zip(*groups, strict=True))))
-        return PointMotions((x, y, z), (rest[0], rest[1], rest[2]), (rest[3], rest[4], rest[5]), tuple(bodies), axes)
+        return (x, y, z), (rest[0], rest[1], rest[2]), (rest[3], rest[4], rest[5]), axes
 
     def _groups(self) -> list[tuple[str, list[int]]]:
         """Each distinct frame with the indices of its points."""
         return [(name, [k for k, f in enumerate(self.frames) if f == name]) for name in dict.fromkeys(self.frames)]
 
-    def _point_motions(self, q, qd) -> tuple[list[tuple[int, list[int], BodyMotion]], dict[int, JointAxis]]:
+    def _point_motions(self, q, qd, turns=None) -> tuple[list[tuple[int, list[int], BodyMotion]], dict[int, JointAxis]]:
         """For each distinct frame: its body, its points' indices, and the motion of all of them ([K] to a scalar)."""
         model = self.robot.model
         frames = [(model.frames[self.robot.frame_index(name)], k) for name, k in self._groups()]
-        motions, axes = move(model, (frame.body for frame, _ in frames), q, qd)
+        motions, axes = move(model, (frame.body for frame, _ in frames), q, qd, turns)
         poses = [attach(motions[frame.body], frame.position, frame.rotation) for frame, _ in frames]
         if self.offsets is not None:
             offsets = jnp.asarray(self.offsets, q.dtype)

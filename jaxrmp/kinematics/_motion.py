@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._materialise import materialise
+from .._one_loop import one_loop
 from ._robot import Joint, KinematicModel
 from ._scalars import (
     IDENTITY,
@@ -46,16 +47,24 @@ class JointAxis(NamedTuple):
     anchor: Vector
 
 
+Turns = dict[int, tuple[Scalar, Scalar]]
+"""Cosine and sine of each revolute joint's displacement, by the joint's index."""
+
+
 def move(
-    model: KinematicModel, bodies: Iterable[int], q: jax.Array, qd: jax.Array | None = None
+    model: KinematicModel,
+    bodies: Iterable[int],
+    q: jax.Array,
+    qd: jax.Array | None = None,
+    turns: Turns | None = None,
 ) -> tuple[dict[int, BodyMotion], dict[int, JointAxis]]:
     """Motion of each body in `bodies` and of the bodies above them, and the axis of each joint met, by index.
 
-    Every body is computed once. Without `qd` the velocities and accelerations stay zero and cost nothing.
+    Every body is computed once. Without `qd` the velocities and accelerations stay zero and cost nothing; `turns` are
+    those at q, if they are known.
     """
-    needed = sorted({b for target in bodies for b in model.path(target)})
-    met = [i for b in needed for i in model.joints_of_body[b]]
-    trigonometry = _cosines_and_sines([model.joints[i] for i in met], q)
+    needed = _with_those_above(model, bodies)
+    turns = turns_at(model, needed, q) if turns is None else turns
     motions = {0: BodyMotion(IDENTITY, ZERO)}
     axes: dict[int, JointAxis] = {}
     for b in needed:
@@ -67,7 +76,7 @@ def move(
             axes[i] = JointAxis(rotate(motion.rotation, joint.axis), anchor)
             rate = 0.0 if qd is None or joint.coordinate < 0 else mul(joint.multiplier, _entry(qd, joint.coordinate))
             if joint.kind == "revolute":
-                motion = _turn(motion, joint, axes[i], axis_rotation(joint.axis, *trigonometry[joint]), rate)
+                motion = _turn(motion, joint, axes[i], axis_rotation(joint.axis, *turns[i]), rate)
             else:
                 motion = _slide(motion, axes[i], _displacement(joint, q), rate)
         motions[b] = motion
@@ -101,20 +110,31 @@ def _displacement(joint: Joint, q: jax.Array) -> Scalar:
     return add(mul(joint.multiplier, _entry(q, joint.coordinate)), joint.offset - joint.reference)
 
 
-def _cosines_and_sines(joints: list[Joint], q: jax.Array) -> dict[Joint, tuple[Scalar, Scalar]]:
-    """Cosine and sine of each revolute joint's displacement, all in one array operation."""
-    found: dict[Joint, tuple[Scalar, Scalar]] = {}
-    moving = [joint for joint in joints if joint.kind == "revolute" and joint.coordinate >= 0]
-    for joint in joints:
-        if joint.kind == "revolute" and joint.coordinate < 0:
-            angle = joint.offset - joint.reference
-            found[joint] = (math.cos(angle), math.sin(angle))
+def turns_at(model: KinematicModel, bodies: Iterable[int], q: jax.Array) -> Turns:
+    """The turns of the joints of `bodies` and of those above them, all in one array operation."""
+    found: Turns = {}
+    moving = []
+    for b in _with_those_above(model, bodies):
+        for i in model.joints_of_body[b]:
+            joint = model.joints[i]
+            if joint.kind == "revolute" and joint.coordinate >= 0:
+                moving.append(i)
+            elif joint.kind == "revolute":
+                angle = joint.offset - joint.reference
+                found[i] = (math.cos(angle), math.sin(angle))
     if moving:
-        angles = _displacements(moving, q)
-        values = materialise(jnp.concatenate([jnp.cos(angles), jnp.sin(angles)]))
-        for k, joint in enumerate(moving):
-            found[joint] = (_entry(values, k), _entry(values, k + len(moving)))
+        values = _cosines_and_sines(_displacements([model.joints[i] for i in moving], q))
+        found.update((i, (_entry(values, k), _entry(values, k + len(moving)))) for k, i in enumerate(moving))
     return found
+
+
+@one_loop
+def _cosines_and_sines(angles: jax.Array) -> jax.Array:
+    return materialise(jnp.concatenate([jnp.cos(angles), jnp.sin(angles)]))
+
+
+def _with_those_above(model: KinematicModel, bodies: Iterable[int]) -> list[int]:
+    return sorted({b for target in bodies for b in model.path(target)})
 
 
 def _displacements(joints: list[Joint], q: jax.Array) -> jax.Array:

@@ -9,13 +9,15 @@ import numpy as np
 
 from .._errors import ShapeError
 from .._forms import DiagonalForm, NaturalForm
-from .._materialise import materialise
+from .._one_loop import one_loop
 from .._pytree import pytree, set_field
 from .._ranges import require
 from .._task_map import Pushforward, TaskMap, Transport, pull_form, pushforward, transport
 from ._components import Point, columns, dot
-from ._obstacles import FAR
+from ._obstacles import FAR, PaddedObstacles
 from ._world import World
+
+_FEW = 32  # obstacles, which a scalar program can sum over
 
 
 @pytree
@@ -49,43 +51,78 @@ class ObstacleDistances(TaskMap):
 
     def pushforward(self, x, xd):
         at = pushforward(self.points, x, xd)
-        d, g, bend = self._from_points(at.y, at.yd)
+        d, _, g, bend = self._from_points(at.y, at.yd)
         return carried(d, g, bend, at)
 
     def transport(self, x, xd):
         p, v, pull_to_x = transport(self.points, x, xd)
-        d, g, bend = self._from_points(p, v)
-        d, bend = materialise(d), materialise(bend)
-        g = (materialise(g[0]), materialise(g[1]), materialise(g[2]))
-        rate = dot(g, columns(v))
+        d, rate, g, bend = self._from_points(p, v)
 
         def pull(form):
             if not isinstance(form, DiagonalForm):
                 return pull_form(self.pushforward(x, xd), form, x.ndim)
             # What the obstacles ask of one point is one form there: O distances, but only one Jacobian.
-            weight = materialise(form.d.reshape(d.shape))
-            force = materialise(form.f.reshape(d.shape) - weight * bend)
-            # Sums as products with ones: a reduction over a short last axis is no loop that XLA:CPU vectorises.
-            ones = jnp.ones(d.shape[1:], d.dtype)
-            f = [(force * n) @ ones for n in g]
-            pulls = [weight * n for n in g]
-            M = {(i, j): (pulls[i] * g[j]) @ ones for i in range(3) for j in range(i + 1)}
-            rows = [jnp.stack([M[max(i, j), min(i, j)] for j in range(3)], axis=-1) for i in range(3)]
-            return pull_to_x(NaturalForm(jnp.stack(f, axis=-1), jnp.stack(rows, axis=-2)))
+            asked = _asked(form.f.reshape(d.shape), form.d.reshape(d.shape), g, bend)
+            return pull_to_x(NaturalForm(*_forms_of_points(*asked)))
 
         return Transport(d.reshape(-1), rate.reshape(-1), pull)
 
     def _from_points(self, p, v):
-        """Distances [K, O], their normals, and their second derivatives along the points' velocities."""
-        radii, world = radii_of_points(self.radii, p), self.world
-        at, along = columns(p), columns(v)
-        distance = world.of_each(p, lambda kind: kind.distance(at)) - radii[:, None]
-        none = jnp.zeros((*p.shape[:-1], 0), p.dtype)
-        parts = [(none,) * 4, *((*g, bend) for g, bend in (kind.derivatives(at, along) for kind in world.kinds))]
-        x, y, z, bend = (
-            world.only_active(jnp.concatenate(column, axis=-1), 0.0) for column in zip(*parts, strict=True)
-        )
-        return world.only_active(distance, FAR), (x, y, z), bend
+        """Distances [K, O], their rates, normals, and second derivatives along the points' velocities."""
+        radii = radii_of_points(self.radii, p)
+        parts = [(jnp.zeros((p.shape[0], 0), p.dtype),) * 6]
+        for kind in self.world.kinds:
+            if isinstance(kind, PaddedObstacles):
+                parts.append(_pairs(kind, radii, p, v))
+            else:
+                parts.append(_pair(kind, radii[:, None], jnp.stack(columns(p)), jnp.stack(columns(v))))
+        one = len(parts) == 2
+        d, rate, x, y, z, bend = parts[1] if one else (jnp.concatenate(c, axis=-1) for c in zip(*parts, strict=True))
+        return d, rate, (x, y, z), bend
+
+
+def _pair(obstacles, radius, p, v):
+    """Distances of a sphere to obstacles, their rates, normals, and second derivatives along the sphere's velocity."""
+    at, along = (p[0], p[1], p[2]), (v[0], v[1], v[2])
+    normal, bend = obstacles.derivatives(at, along)
+    found = (obstacles.distance(at) - radius, dot(normal, along), *normal, bend)
+    return tuple(jnp.where(obstacles.active, value, 0.0 if i else FAR) for i, value in enumerate(found))
+
+
+def _of_one(slot, radius, p, v):
+    """As `_pair`, for one slot."""
+    obstacles = jax.tree.map(lambda x: jnp.asarray(x)[None], slot)
+    return [value[0] for value in _pair(obstacles, radius, p[:, None], v[:, None])]
+
+
+_pairs = one_loop(_of_one, (None, 0, 0, 0), (0, None, None, None))
+
+
+def _ask(f, d, g, bend):
+    """Force and metric at a point for a distance there: `f n`, and the lower triangle of `d n n^T`, row by row."""
+    force = f - d * bend
+    weighted = [d * n for n in g]
+    return (*(force * n for n in g), *(weighted[i] * g[j] for i in range(3) for j in range(i + 1)))
+
+
+def _summed(f, d, g, bend):
+    """What distances [O] ask of a point together."""
+    # As products with ones: a reduction over a short last axis is no loop that XLA:CPU vectorises.
+    ones = jnp.ones(f.shape, f.dtype)
+    return [part @ ones for part in _ask(f, d, g, bend)]
+
+
+def _asked(f, d, g, bend):
+    """What distances [K, O] ask of K points."""
+    if f.shape[1] <= _FEW:
+        return one_loop(_summed, (0,) * 4)(f, d, g, bend)
+    return [jnp.sum(part, axis=1) for part in one_loop(_ask, (0,) * 4, (1,) * 4)(f, d, g, bend)]
+
+
+@one_loop
+def _forms_of_points(x, y, z, xx, yx, yy, zx, zy, zz):
+    rows = [jnp.stack(row, axis=-1) for row in ((xx, yx, zx), (yx, yy, zy), (zx, zy, zz))]
+    return jnp.stack([x, y, z], axis=-1), jnp.stack(rows, axis=-2)
 
 
 def carried(d: jax.Array, g: Point, bend: jax.Array, at: Pushforward) -> Pushforward:

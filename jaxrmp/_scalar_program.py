@@ -1,0 +1,314 @@
+"""A function of small arrays as a list of scalar operations."""
+
+import functools
+import math
+import operator
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+from jax.extend.core import ClosedJaxpr, Jaxpr, Literal
+
+# XLA recurses along chains of dependent operations, and LLVM does not vectorise loops of twice this size.
+_MOST, _DEEPEST = 3000, 500
+_MOST_RESULTS = 200
+_INLINED = {"jit": "jaxpr", "pjit": "jaxpr", "custom_jvp_call": "call_jaxpr", "custom_vjp_call": "call_jaxpr"}
+_ELEMENTWISE = frozenset(
+    "abs acos acosh add add_any and asin asinh atan atan2 atanh cbrt ceil clamp convert_element_type cos cosh div eq "  # noqa: SIM905
+    "erf exp exp2 expm1 floor ge gt integer_pow is_finite le log log1p logistic lt max min mul ne neg not or pow rem "
+    "round rsqrt select_n sign sin sinh sqrt square sub tan tanh xor".split()
+)
+_KNOWN: dict[str, Callable] = {
+    "add": operator.add,
+    "mul": operator.mul,
+    "sub": operator.sub,
+    "neg": operator.neg,
+    "eq": operator.eq,
+    "ne": operator.ne,
+    "lt": operator.lt,
+    "le": operator.le,
+    "gt": operator.gt,
+    "ge": operator.ge,
+    "and": np.bitwise_and,
+    "or": np.bitwise_or,
+    "not": np.invert,
+}
+Number = np.generic
+
+
+class NotScalar(Exception):
+    """A function that is not worth taking apart into scalars, or cannot be."""
+
+
+class Operation(NamedTuple):
+    """A JAX primitive on scalars: each the place of an earlier operation or input, or a number."""
+
+    primitive: Any
+    parameters: tuple[tuple[str, Any], ...]
+    operands: tuple["int | Number", ...]
+    dtype: np.dtype
+
+
+class Input(NamedTuple):
+    """An entry of an argument: the argument's place, and the entry's in it, row by row."""
+
+    argument: int
+    entry: int
+    dtype: np.dtype
+
+
+class ScalarProgram(NamedTuple):
+    """`steps`, each an input or an operation on what is above it, and for each output its entries: steps or numbers."""
+
+    steps: list[Input | Operation]
+    outputs: list[np.ndarray]
+
+    def computes(self, entry: "int | Number") -> bool:
+        """Whether an entry of an output is neither a number nor an entry of an argument as it came."""
+        return isinstance(entry, int) and isinstance(self.steps[entry], Operation)
+
+    def evaluate(
+        self, of_input: Callable[[Input], Any], of_number: Callable[[Number], Any]
+    ) -> Callable[["int | Number"], Any]:
+        """All steps by JAX, on arrays of one shape; what they give, by their place."""
+        values: list[Any] = []
+
+        def value(entry):
+            return values[entry] if isinstance(entry, int) else of_number(entry)
+
+        for step in self.steps:
+            if isinstance(step, Input):
+                values.append(of_input(step))
+            else:
+                values.append(step.primitive.bind(*(value(x) for x in step.operands), **dict(step.parameters)))
+        return value
+
+
+def scalar_program(closed: ClosedJaxpr) -> ScalarProgram:
+    """Take a function apart. **Raises** `NotScalar` if it is too large, or holds what is not arithmetic."""
+    results: Sequence[Any] = closed.out_avals
+    if sum(a.size for a in results) > _MOST_RESULTS or any(a.dtype.kind not in "biuf" for a in results):
+        raise NotScalar
+    builder = _Builder()
+    arguments = []
+    values: Sequence[Any] = closed.in_avals
+    for k, a in enumerate(values):
+        arguments.append(_entries([builder.step(Input(k, i, a.dtype)) for i in range(a.size)], a.shape))
+    outputs = builder.run(closed.jaxpr, [builder.numbers(c) for c in closed.consts], arguments)
+    return _only_needed(builder.steps, outputs)
+
+
+def _entries(values: Sequence[Any], shape: tuple[int, ...]) -> np.ndarray:
+    """Places and numbers as an array of objects."""
+    found = np.empty(len(values), object)
+    for i, value in enumerate(values):  # one by one: NumPy would make numbers of one type of them
+        found[i] = value
+    return found.reshape(shape)
+
+
+class _Builder:
+    def __init__(self):
+        self.steps: list[Input | Operation] = []
+        self._depths: list[int] = []
+        self._places: dict[Any, int] = {}
+
+    def step(self, step: Input | Operation) -> int:
+        """The place of a step, which is added unless it is there."""
+        operands: tuple[Any, ...] = step.operands if isinstance(step, Operation) else ()
+        # Numbers by their bits: 0.0 and -0.0 are equal.
+        key = (step[:2], tuple(x if isinstance(x, int) else x.tobytes() for x in operands), step.dtype)
+        if key in self._places:
+            return self._places[key]
+        depth = 1 + max((self._depths[x] for x in operands if isinstance(x, int)), default=0)
+        if len(self.steps) >= _MOST or depth > _DEEPEST:
+            raise NotScalar
+        self._places[key] = len(self.steps)
+        self.steps.append(step)
+        self._depths.append(depth)
+        return self._places[key]
+
+    def numbers(self, value: Any, dtype: Any = None) -> np.ndarray:
+        value = np.asarray(value, dtype)
+        if value.size > _MOST:
+            raise NotScalar
+        return _entries([value.dtype.type(x) for x in value.reshape(-1)], value.shape)
+
+    def run(self, jaxpr: Jaxpr, consts: Sequence[np.ndarray], arguments: Sequence[np.ndarray]) -> list[np.ndarray]:
+        found: dict[Any, np.ndarray] = dict(zip(jaxpr.constvars, consts, strict=True))
+        found.update(zip(jaxpr.invars, arguments, strict=True))
+
+        def read(v: Any) -> np.ndarray:
+            return self.numbers(v.val, v.aval.dtype) if isinstance(v, Literal) else found[v]
+
+        for equation in jaxpr.eqns:
+            outputs = self._equation(equation, [read(v) for v in equation.invars])
+            found.update(zip(equation.outvars, outputs, strict=True))
+        return [read(v) for v in jaxpr.outvars]
+
+    def _equation(self, equation, operands: list[np.ndarray]) -> list[np.ndarray]:
+        name, parameters = equation.primitive.name, equation.params
+        if name in _INLINED:
+            inner = parameters[_INLINED[name]]
+            return self.run(inner.jaxpr, [self.numbers(c) for c in inner.consts], operands)
+        if name == "one_loop":
+            mapped = functools.partial(equation.primitive.impl, **parameters)
+            inner = jax.make_jaxpr(mapped)(*(v.aval for v in equation.invars))
+            return self.run(inner.jaxpr, [self.numbers(c) for c in inner.consts], operands)
+        if name in _MOVES:
+            return _MOVES[name](parameters, *operands)
+        shape, dtype = equation.outvars[0].aval.shape, equation.outvars[0].aval.dtype
+        if name == "iota":
+            size, k = shape, parameters["dimension"]
+            along = np.arange(size[k]).reshape([-1 if i == k else 1 for i in range(len(size))])
+            return [self.numbers(np.broadcast_to(along, size), parameters["dtype"])]
+        if name == "dot_general":
+            return [self._dot(parameters, operands[0], operands[1], dtype)]
+        if name in ("reduce_sum", "reduce_max", "reduce_min"):
+            return [self._reduced(name, parameters["axes"], operands[0], shape, dtype)]
+        if name in _ELEMENTWISE:
+            fixed = tuple(sorted(parameters.items(), key=operator.itemgetter(0)))
+            if name == "convert_element_type":
+                if equation.invars[0].aval.dtype == parameters["new_dtype"]:
+                    return [operands[0]]
+                fixed = (("new_dtype", parameters["new_dtype"]), ("sharding", None), ("weak_type", False))
+            return [self._each(equation.primitive, fixed, operands, shape, dtype)]
+        raise NotScalar
+
+    def _each(self, primitive, parameters, operands, shape, dtype) -> np.ndarray:
+        flat = [np.broadcast_to(x, shape).reshape(-1) for x in operands]
+        return _entries([self.operation(primitive, parameters, x, dtype) for x in zip(*flat, strict=True)], shape)
+
+    def operation(self, primitive: Any, parameters: tuple, x: tuple["int | Number", ...], dtype) -> "int | Number":
+        """The place of an operation, or the number or place that it comes to."""
+        name = primitive.name
+        known = [not isinstance(v, int) for v in x]
+        if all(known):
+            if name in _KNOWN:
+                return dtype.type(_KNOWN[name](*x))
+            if name == "convert_element_type":
+                return dtype.type(x[0])
+        if name == "select_n" and known[0]:
+            return x[1 + int(x[0])]
+        if name == "mul":
+            for a, b in (x, x[::-1]):
+                if not isinstance(a, int):
+                    if a == 0:
+                        return a
+                    if a == 1:
+                        return b
+        if name in ("add", "add_any"):
+            for a, b in (x, x[::-1]):
+                if not isinstance(a, int) and a == 0:
+                    return b
+            primitive = jax.lax.add_p
+        if name == "sub" and known[1] and x[1] == 0:
+            return x[0]
+        if name == "neg" and isinstance(step := self.steps[x[0]], Operation) and step.primitive.name == "neg":
+            return step.operands[0]
+        if name == "square" or (name == "integer_pow" and dict(parameters)["y"] == 2):
+            primitive, parameters, x = jax.lax.mul_p, (), (x[0], x[0])
+        if name in ("add", "add_any", "mul"):
+            x = tuple(sorted(x, key=lambda v: (isinstance(v, int), v)))
+        return self.step(Operation(primitive, parameters, x, dtype))
+
+    def _dot(self, parameters, a, b, dtype) -> np.ndarray:
+        (over_a, over_b), (batch_a, batch_b) = parameters["dimension_numbers"]
+        free_a = [i for i in range(a.ndim) if i not in (*over_a, *batch_a)]
+        free_b = [i for i in range(b.ndim) if i not in (*over_b, *batch_b)]
+        if b.size * math.prod(a.shape[i] for i in free_a) > _MOST:
+            raise NotScalar
+        A = a.transpose([*batch_a, *free_a, *over_a])
+        B = b.transpose([*batch_b, *free_b, *over_b])
+        batch, n = A.shape[: len(batch_a)], math.prod(a.shape[i] for i in over_a)
+        rows, columns = A.shape[len(batch_a) :][: len(free_a)], B.shape[len(batch_b) :][: len(free_b)]
+        A, B = A.reshape(math.prod(batch), math.prod(rows), n), B.reshape(math.prod(batch), math.prod(columns), n)
+        values = []
+        for Ai, Bi in zip(A, B, strict=True):
+            for row in Ai:
+                for column in Bi:
+                    pairs = zip(row, column, strict=True)
+                    products = [self.operation(jax.lax.mul_p, (), pair, dtype) for pair in pairs]
+                    values.append(self._folded(jax.lax.add_p, products, dtype))
+        return _entries(values, (*batch, *rows, *columns))
+
+    def _reduced(self, name, axes, a, shape, dtype) -> np.ndarray:
+        primitive = {"reduce_sum": jax.lax.add_p, "reduce_max": jax.lax.max_p, "reduce_min": jax.lax.min_p}[name]
+        rest = [i for i in range(a.ndim) if i not in axes]
+        rows = a.transpose([*rest, *axes]).reshape(math.prod(shape), -1)
+        if not rows.shape[1]:
+            raise NotScalar
+        return _entries([self._folded(primitive, row, dtype) for row in rows], shape)
+
+    def _folded(self, primitive, values, dtype) -> "int | Number":
+        total = values[0]
+        for value in values[1:]:
+            total = self.operation(primitive, (), (total, value), dtype)
+        return total
+
+
+def _broadcast(parameters, x):
+    shape, kept = parameters["shape"], parameters["broadcast_dimensions"]
+    sizes = [1] * len(shape)
+    for i, k in enumerate(kept):
+        sizes[k] = x.shape[i]
+    return [np.broadcast_to(x.reshape(sizes), shape)]
+
+
+def _slice(parameters, x):
+    starts, limits = parameters["start_indices"], parameters["limit_indices"]
+    strides = parameters["strides"] or (1,) * x.ndim
+    return [x[tuple(slice(*s) for s in zip(starts, limits, strides, strict=True))]]
+
+
+def _pad(parameters, x, value):
+    widths = [(low, high) for low, high, _ in parameters["padding_config"]]
+    if np.min(parameters["padding_config"], initial=0) < 0 or any(inner for *_, inner in parameters["padding_config"]):
+        raise NotScalar
+    found = np.pad(x, widths)
+    found[np.pad(np.zeros(x.shape, bool), widths, constant_values=True)] = value[()]
+    return [found]
+
+
+def _concatenated(parameters, *arrays):
+    size = len(arrays) // parameters["count"]
+    return [np.concatenate(arrays[k : k + size], axis=-1) for k in range(0, len(arrays), size)]
+
+
+# What moves entries about and computes nothing.
+_MOVES: dict[str, Callable[..., list[np.ndarray]]] = {
+    "broadcast_in_dim": _broadcast,
+    "concatenate": lambda p, *arrays: [np.concatenate(arrays, axis=p["dimension"])],
+    "concatenated": _concatenated,
+    "copy": lambda p, x: [x],
+    "expand_dims": lambda p, x: [np.expand_dims(x, p["dimensions"])],
+    "materialise": lambda p, x: [x],
+    "pad": _pad,
+    "reshape": lambda p, x: [x.reshape(p["new_sizes"])],
+    "rev": lambda p, x: [np.flip(x, p["dimensions"])],
+    "slice": _slice,
+    "split": lambda p, x: np.split(x, np.cumsum(p["sizes"])[:-1], axis=p["axis"]),
+    "squeeze": lambda p, x: [x.squeeze(p["dimensions"])],
+    "stack": lambda p, *arrays: [np.stack(arrays, axis=p["axis"])],
+    "stop_gradient": lambda p, x: [x],
+    "transpose": lambda p, x: [x.transpose(p["permutation"])],
+}
+
+
+def _only_needed(steps: list[Input | Operation], outputs: list[np.ndarray]) -> ScalarProgram:
+    """Without the steps that no output needs."""
+    needed = {x for output in outputs for x in output.reshape(-1) if isinstance(x, int)}
+    for place in range(len(steps) - 1, -1, -1):
+        step = steps[place]
+        if place in needed and isinstance(step, Operation):
+            needed.update(x for x in step.operands if isinstance(x, int))
+    places = {old: new for new, old in enumerate(sorted(needed))}
+
+    def moved(x):
+        return places[x] if isinstance(x, int) else x
+
+    kept = [
+        step._replace(operands=tuple(moved(x) for x in step.operands)) if isinstance(step, Operation) else step
+        for step in (steps[old] for old in sorted(needed))
+    ]
+    return ScalarProgram(kept, [_entries([moved(x) for x in o.reshape(-1)], o.shape) for o in outputs])
