@@ -132,7 +132,7 @@ def _in_one_loop(*values: jax.Array, program: ScalarProgram, batch: tuple[int, .
     """The scalar program on vectors along the batch.
 
     XLA has no elementwise operation of many results, but it has reductions of many operands at once, and fuses into one
-    all that its operands are made of. So everything is there twice, and the larger of two equal numbers is taken; LLVM
+    all that its operands are made of. So each result is there twice, and the larger of two equal numbers is taken; LLVM
     sees that they are the same.
     """
     N = math.prod(batch)
@@ -143,14 +143,13 @@ def _in_one_loop(*values: jax.Array, program: ScalarProgram, batch: tuple[int, .
         return jnp.broadcast_to(lax.index_in_dim(v.reshape(-1, *sizes), step.entry, keepdims=False), batch).reshape(N)
 
     computed = list(dict.fromkeys(x for o in program.outputs for x in o.reshape(-1) if program.computes(x)))
-    copies = 2 if len(computed) > 1 else 1
-    shape = (copies, N)
-    value = program.evaluate(lambda step: jnp.broadcast_to(entry(step), shape), lambda x: jnp.full(shape, x))
-    results = [value(x) for x in computed]
-    if copies > 1:
+    value = program.evaluate(entry, lambda x: jnp.full(N, x))
+    results: Sequence[jax.Array] = [value(x) for x in computed]
+    if len(results) > 1:
+        twice = [jnp.broadcast_to(x, (2, N)) for x in results]
         least = [_least(x.dtype) for x in results]
-        results = lax.reduce(results, least, lambda a, b: [jnp.maximum(*pair) for pair in zip(a, b, strict=True)], (0,))
-    found = {x: result.reshape(N) for x, result in zip(computed, results, strict=True)}
+        results = lax.reduce(twice, least, lambda a, b: [jnp.maximum(*pair) for pair in zip(a, b, strict=True)], (0,))
+    found = dict(zip(computed, results, strict=True))
 
     def vector(x):
         if program.computes(x):
