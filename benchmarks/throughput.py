@@ -21,14 +21,14 @@ BATCHES = (1, 4, 16, 64, 256, 1024, 4096, 16384, 65536)
 LEAVES, OBSTACLES, JOINTS = (4, 8, 16, 32, 64), (8, 16, 32, 64, 128, 256, 512), (7, 14, 30)
 SEPARATE = (2, 4, 8)  # nodes of their own: compiling more takes minutes
 SCALING_BATCH = 256
-AT_ONCE = 512  # of a larger batch, what is worked on at once: what lies between stays in the caches
+AT_ONCE = 1024  # of a larger batch, what is worked on at once: what lies between stays in the caches
 LINEAR = 1.05  # exponents up to here count as linear: a twentieth for what timing leaves open
 
 
 def rows(quick: bool = False) -> list[dict[str, Any]]:
     """Rows of `family`, `size`, and what one evaluation takes: in a batch, and as a single call from Python.
 
-    On a CPU, batches are mapped by `jax.lax.map` with 512 states at once, which for up to 512 is `vmap`.
+    On a CPU, batches are mapped by `jax.lax.map` with 1,024 states at once, which for up to 1,024 is `vmap`.
 
     Then one row a family: with which power of the size the cost grows, from the second size on.
     """

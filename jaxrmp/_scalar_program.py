@@ -139,7 +139,10 @@ class _Builder:
         found.update(zip(jaxpr.invars, arguments, strict=True))
 
         def read(v: Any) -> np.ndarray:
-            return self.numbers(v.val, v.aval.dtype) if isinstance(v, Literal) else found[v]
+            if isinstance(v, Literal):
+                aval: Any = v.aval
+                return self.numbers(v.val, aval.dtype)
+            return found[v]
 
         for equation in jaxpr.eqns:
             outputs = self._equation(equation, [read(v) for v in equation.invars])
@@ -204,8 +207,10 @@ class _Builder:
             primitive = jax.lax.add_p
         if name == "sub" and known[1] and x[1] == 0:
             return x[0]
-        if name == "neg" and isinstance(step := self.steps[x[0]], Operation) and step.primitive.name == "neg":
-            return step.operands[0]
+        if name == "neg" and isinstance(x[0], int):
+            step = self.steps[x[0]]
+            if isinstance(step, Operation) and step.primitive.name == "neg":
+                return step.operands[0]
         if name == "square" or (name == "integer_pow" and dict(parameters)["y"] == 2):
             primitive, parameters, x = jax.lax.mul_p, (), (x[0], x[0])
         if name in ("add", "add_any", "mul"):
