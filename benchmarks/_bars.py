@@ -99,7 +99,7 @@ BARS = (
     ),
     Bar("growth with obstacles, 8 to 512", _steepest("obstacles"), most=1.05, unit="exponent"),
     Bar("growth with leaves, 4 to 64", _steepest("leaves, batched"), most=1.05, unit="exponent"),
-    Bar("growth with batch, 256 to 65,536, mapped 512 at a time", _steepest("batch"), most=1.05, unit="exponent"),
+    Bar("growth with batch, 256 to 65,536, mapped 1,024 at a time", _steepest("batch"), most=1.05, unit="exponent"),
     Bar("learned policy, compiled from nothing", _of("compilation", "learned_drawer, cold", "compile_s"), 5, unit="s"),
     Bar("the same from the cache", _of("compilation", "learned_drawer, cached", "compile_s"), most=0.5, unit="s"),
     Bar(

@@ -15,6 +15,8 @@ from ._one_loop import one_loop
 from ._pytree import pytree, static
 from ._tree import Leaf, SeparableLeaf
 
+_FEW = 16  # coordinates, which a scalar program holds all at once
+
 
 class GeometricDynamicalSystem(Leaf):
     """A leaf given by metric, potential and damping on a space [m]. Subclasses implement those three."""
@@ -78,7 +80,8 @@ class SeparableGDS(SeparableLeaf):
     def evaluate(self, x, xd):
         parameters, structure = jax.tree.flatten(self)
         shapes = [jnp.shape(p) for p in parameters]
-        if not self.coordinatewise or x.ndim != 1 or any(shape not in ((), x.shape) for shape in shapes):
+        one_by_one = self.coordinatewise and x.ndim == 1 and x.size > _FEW
+        if not one_by_one or any(shape not in ((), x.shape) for shape in shapes):
             return DiagonalForm(*one_loop(type(self)._evaluated)(self, x, xd))
 
         def coordinate(parameters, x, xd):

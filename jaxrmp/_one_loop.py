@@ -56,7 +56,8 @@ def one_loop(function: Callable[..., Any], *over: Sequence[int | None]) -> Calla
             return [r for r in results[:-1] if isinstance(r, jax.Array)]
 
         values = [leaves[k] for k in moving]
-        closed, values = _arguments_of_tracers(jax.make_jaxpr(of_moving)(*values), values)
+        # Compiled as a whole, it need not be traced again when it is lowered.
+        closed, values = _arguments_of_tracers(jax.make_jaxpr(jax.jit(of_moving))(*values), values)
         found = iter(_one_loop_p.bind(*values, jaxpr=closed, axes=0, within=within))
         *results, shape = results  # numbers stay numbers, for what comes after to make use of
         return jax.tree.unflatten(shape, [next(found) if isinstance(r, jax.Array) else r for r in results])
