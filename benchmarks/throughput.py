@@ -22,13 +22,15 @@ LEAVES, OBSTACLES, JOINTS = (4, 8, 16, 32, 64), (8, 16, 32, 64, 128, 256, 512), 
 SEPARATE = (2, 4, 8)  # nodes of their own: compiling more takes minutes
 SCALING_BATCH = 256
 AT_ONCE = 1024  # of a larger batch, what is worked on at once: what lies between stays in the caches
+AT_ONCE_SCALING = 64  # the same where policies are up to a hundred times as large
 LINEAR = 1.05  # exponents up to here count as linear: a twentieth for what timing leaves open
 
 
 def rows(quick: bool = False) -> list[dict[str, Any]]:
     """Rows of `family`, `size`, and what one evaluation takes: in a batch, and as a single call from Python.
 
-    On a CPU, batches are mapped by `jax.lax.map` with 1,024 states at once, which for up to 1,024 is `vmap`.
+    On a CPU, batches are mapped by `jax.lax.map` with 1,024 states at once, which for up to 1,024 is `vmap`, and those
+    that grow in other ways with 64.
 
     Then one row a family: with which power of the size the cost grows, from the second size on.
     """
@@ -46,7 +48,7 @@ def rows(quick: bool = False) -> list[dict[str, Any]]:
         joints = {size: size if make is degrees_of_freedom else 7 for size in trees}
         for batch, column in ((SCALING_BATCH, "us_per_evaluation"), (1, "call_us")):
             taken = _family({s: (tree, acceleration, batch, joints[s]) for s, tree in trees.items()}, quick)
-            kind = "batch of 256" if batch > 1 else "single call"
+            kind = "batch of 256, 64 at a time" if batch > 1 else "single call"
             found += [_row(f"{family}, {kind}", s, us / batch, column) for s, us in taken.items()]
             found.append(_growth(f"{family}, {kind}", taken))
     return found
@@ -128,7 +130,9 @@ def _call(tree: Any, evaluate: Callable, batch: int, joints: int) -> Callable[[]
     if batch == 1:
         one, q, qd = jax.jit(evaluate), Q[0], QD[0]
         return lambda: one(tree, q, qd).block_until_ready()
-    at_once = AT_ONCE if jax.default_backend() == "cpu" else batch
+    at_once = batch
+    if jax.default_backend() == "cpu":
+        at_once = AT_ONCE_SCALING if evaluate is acceleration else AT_ONCE
     many = jax.jit(lambda tree, q, qd: jax.lax.map(lambda state: evaluate(tree, *state), (q, qd), batch_size=at_once))
     return lambda: many(tree, Q, QD).block_until_ready()
 
