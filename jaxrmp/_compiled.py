@@ -96,7 +96,7 @@ def compiled(function: Callable[..., Any], *examples: Any) -> Compiled:
     >>> import jaxrmp
     >>> from jaxrmp.leaves import Posture
     >>> q = np.zeros(2, np.float32)
-    >>> policy = jaxrmp.compiled(lambda rest, q, qd: jaxrmp.acceleration(Posture(rest, gain=4.0), q, qd), q, q, q)
+    >>> policy = jaxrmp.compiled(lambda rest, q, qd: jaxrmp.acceleration(Posture(rest, stiffness=4.0), q, qd), q, q, q)
     >>> policy(np.array([0.5, 0.0], np.float32), q, q).shape
     (2,)
     """

@@ -18,7 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 from jax.core import Tracer
-from jax.extend.core import ClosedJaxpr, Primitive, jaxpr_as_fun
+from jax.extend.core import ClosedJaxpr, Literal, Primitive, jaxpr_as_fun
 from jax.interpreters import ad, batching, mlir
 
 from ._scalar_program import NotScalar, ScalarProgram, scalar_program
@@ -56,7 +56,7 @@ def one_loop(function: Callable[..., Any], *over: Sequence[int | None]) -> Calla
             return [r for r in results[:-1] if isinstance(r, jax.Array)]
 
         values = [leaves[k] for k in moving]
-        # Compiled as a whole, it need not be traced again when it is lowered.
+        # As one jitted whole, it need not be traced again when it is lowered.
         closed, values = _arguments_of_tracers(jax.make_jaxpr(jax.jit(of_moving))(*values), values)
         found = iter(_one_loop_p.bind(*values, jaxpr=closed, axes=0, within=within))
         *results, shape = results  # numbers stay numbers, for what comes after to make use of
@@ -91,12 +91,12 @@ def _batch_of(values, axes):
     return jnp.broadcast_shapes((1,) * axes, *(v.shape[v.ndim - axes :] for v in values))
 
 
-def _mapped(*values, jaxpr, axes, within):
+def _mapped(*values, jaxpr, axes, within, call=lambda jaxpr, values: jaxpr_as_fun(jaxpr)(*values)):
     """The function by `jax.vmap`: over the batch first, then over what each state is mapped over, in order."""
     if axes == 0:
-        return jaxpr_as_fun(jaxpr)(*values)
+        return call(jaxpr, values)
     of_batch = axes > within
-    inner = functools.partial(_mapped, jaxpr=jaxpr, axes=axes - 1, within=min(within, axes - 1))
+    inner = functools.partial(_mapped, jaxpr=jaxpr, axes=axes - 1, within=min(within, axes - 1), call=call)
     places = [v.ndim - 1 if of_batch else v.ndim - axes for v in values]
     results = [a.ndim + axes - 1 if of_batch else a.ndim for a in jaxpr.out_avals]
     still = [v.shape[k] == 1 for v, k in zip(values, places, strict=True)]
@@ -106,6 +106,19 @@ def _mapped(*values, jaxpr, axes, within):
     if all(still):
         return [jnp.expand_dims(v, k) for v, k in zip(found, results, strict=True)]
     return [jnp.moveaxis(v, 0, k) for v, k in zip(found, results, strict=True)]
+
+
+def _one_by_one(jaxpr, values):
+    """Its operations one after the other, where nothing is compiled as a whole."""
+    found = dict(zip((*jaxpr.jaxpr.constvars, *jaxpr.jaxpr.invars), (*jaxpr.consts, *values), strict=True))
+
+    def read(v):
+        return v.val if isinstance(v, Literal) else found[v]
+
+    for equation in jaxpr.jaxpr.eqns:  # one, of the whole
+        inner = jaxpr_as_fun(equation.params["jaxpr"])
+        found.update(zip(equation.outvars, inner(*map(read, equation.invars)), strict=True))
+    return [read(v) for v in jaxpr.jaxpr.outvars]
 
 
 def _batch(values, dimensions, *, jaxpr, axes, within):
@@ -166,7 +179,7 @@ def _least(dtype):
     return np.array(-np.inf if jnp.issubdtype(dtype, jnp.floating) else jnp.iinfo(dtype).min, dtype)
 
 
-_one_loop_p.def_impl(_mapped)
+_one_loop_p.def_impl(functools.partial(_mapped, call=_one_by_one))
 _one_loop_p.def_abstract_eval(_shapes)
 batching.primitive_batchers[_one_loop_p] = _batch
 ad.primitive_jvps[_one_loop_p] = _push
