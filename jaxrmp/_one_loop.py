@@ -110,6 +110,8 @@ def _mapped(*values, jaxpr, axes, within, call=lambda jaxpr, values: jaxpr_as_fu
 
 def _one_by_one(jaxpr, values):
     """Its operations one after the other, where nothing is compiled as a whole."""
+    if any(equation.primitive.name != "jit" for equation in jaxpr.jaxpr.eqns):  # traced while jit was disabled
+        return jaxpr_as_fun(jaxpr)(*values)
     found = dict(zip((*jaxpr.jaxpr.constvars, *jaxpr.jaxpr.invars), (*jaxpr.consts, *values), strict=True))
 
     def read(v):
