@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxrmp._cores import own_cores
+from jaxrmp.xla import own_cores
 from jaxrmp.cli._sources import robot_of
 from jaxrmp.learning import load_skill, prepare
 from jaxrmp.learning._learn import training_samples

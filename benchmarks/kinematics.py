@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxrmp._cores import own_cores
+from jaxrmp.xla import own_cores
 from jaxrmp.kinematics import PANDA_MODEL, forward_kinematics, geometric_jacobian, panda
 
 from ._children import fast_mjx_flags, in_child

@@ -12,8 +12,8 @@ import jax.numpy as jnp
 
 from ._errors import ShapeError, UnknownNameError
 from ._linalg import cholesky_solve, lu_solve
-from ._materialise import materialise
-from ._one_loop import one_loop
+from .xla import materialise
+from .xla import one_loop
 from ._pytree import pytree
 
 Method = Literal["cholesky", "pinv", "lu"]

@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 
 from ._forms import DiagonalForm, NaturalForm
-from ._one_loop import one_loop
+from .xla import one_loop
 from ._pytree import pytree, static
 from ._tree import Leaf, SeparableLeaf
 

@@ -9,8 +9,8 @@ import numpy as np
 
 from .._errors import ShapeError
 from .._forms import NaturalForm
-from .._materialise import concatenated
-from .._one_loop import one_loop
+from ..xla import concatenated
+from ..xla import one_loop
 from .._pytree import pytree, set_field, static
 from .._task_map import Pushforward, TaskMap, Transport
 from ._forward import configuration

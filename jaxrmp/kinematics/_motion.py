@@ -8,8 +8,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._materialise import materialise
-from .._one_loop import one_loop
+from ..xla import materialise
+from ..xla import one_loop
 from ._robot import Joint, KinematicModel
 from ._scalars import (
     IDENTITY,

@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._cores import own_cores
+from ..xla import own_cores
 from .._errors import ConfigurationError, MissingDependencyError, TrainingError, UnknownNameError
 from ..leaves import natural_gradient_field
 from ._configuration import LOSSES

@@ -9,7 +9,7 @@ import numpy as np
 
 from .._errors import ShapeError
 from .._forms import DiagonalForm, NaturalForm
-from .._one_loop import one_loop
+from ..xla import one_loop
 from .._pytree import pytree, set_field
 from .._ranges import require
 from .._task_map import Pushforward, TaskMap, Transport, pull_form, pushforward, transport

@@ -10,7 +10,7 @@ from jax.lax import Precision
 
 from .._errors import ConfigurationError, ShapeError
 from .._forms import DiagonalForm, NaturalForm
-from .._materialise import materialise
+from ..xla import materialise
 from .._pytree import pytree, set_field, static
 from .._task_map import Pushforward, TaskMap, Transport, pushforward, transport_by_jacobian
 from ..kinematics import ControlPoints

@@ -6,6 +6,7 @@ chain the sines and cosines, two thirds of the run time at batch 4,096. What is 
 and other platforms do not need it: so nothing here is done but for a batch on a CPU.
 """
 
+import math
 from collections.abc import Sequence
 
 import jax
@@ -13,6 +14,9 @@ import jax.numpy as jnp
 import numpy as np
 from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
+
+from ._plan import FEWEST
+from ._switch import is_on
 
 _materialise_p = Primitive("materialise")
 _concatenated_p = Primitive("concatenated")
@@ -26,7 +30,7 @@ def materialise(x: jax.Array) -> jax.Array:
     identity, which is exact, makes `x` be written out. A number there that is not finite spreads as NaN over up to
     sixteen neighbours of its own state.
     """
-    return _materialise_p.bind(x.reshape(-1)).reshape(x.shape)
+    return _materialise_p.bind(x.reshape(-1)).reshape(x.shape) if is_on() else x
 
 
 def concatenated(groups: Sequence[Sequence[jax.Array]]) -> tuple[jax.Array, ...]:
@@ -37,6 +41,8 @@ def concatenated(groups: Sequence[Sequence[jax.Array]]) -> tuple[jax.Array, ...]
     """
     if not groups:
         return ()
+    if not is_on():
+        return tuple(jnp.concatenate(group) for group in groups)
     return tuple(_concatenated_p.bind(*(x for group in groups for x in group), count=len(groups)))
 
 
@@ -47,7 +53,7 @@ def _batch(arguments, dimensions):
 
 def _times_identity(x):
     m = x.shape[-1]
-    if x.ndim < 2 or m == 0:
+    if math.prod(x.shape[:-1]) < FEWEST or m == 0:
         return x
     width = max(w for w in range(1, 17) if m % w == 0)
     if width < 4 < m:  # no divisor that is worth a product: fill up
@@ -71,7 +77,7 @@ def _one_by_one(*arrays, count):
 
 
 def _by_one_loop(*arrays, count):
-    if arrays[0].ndim < 2:
+    if math.prod(arrays[0].shape[:-1]) < FEWEST:
         return _one_by_one(*arrays, count=count)
     joined = jnp.concatenate(arrays, axis=-1)
     rows = joined.reshape(*joined.shape[:-1], count, -1)  # XLA sees through slices of a concatenation, but not of this

@@ -38,7 +38,7 @@ Number = np.generic
 
 
 class NotScalar(Exception):
-    """A function that is not worth taking apart into scalars, or cannot be."""
+    """A function that is not worth taking apart into scalars, or cannot be; the message says why."""
 
 
 class Operation(NamedTuple):
@@ -88,8 +88,11 @@ class ScalarProgram(NamedTuple):
 def scalar_program(closed: ClosedJaxpr) -> ScalarProgram:
     """Take a function apart. **Raises** `NotScalar` if it is too large, or holds what is not arithmetic."""
     results: Sequence[Any] = closed.out_avals
-    if sum(a.size for a in results) > _MOST_RESULTS or any(a.dtype.kind not in "biuf" for a in results):
-        raise NotScalar
+    count = sum(a.size for a in results)
+    if count > _MOST_RESULTS:
+        raise NotScalar(f"too many results ({count:,} > {_MOST_RESULTS})")
+    if any(a.dtype.kind not in "biuf" for a in results):
+        raise NotScalar(f"results of type {', '.join(str(a.dtype) for a in results if a.dtype.kind not in 'biuf')}")
     builder = _Builder()
     arguments = []
     values: Sequence[Any] = closed.in_avals
@@ -121,8 +124,10 @@ class _Builder:
         if key in self._places:
             return self._places[key]
         depth = 1 + max((self._depths[x] for x in operands if isinstance(x, int)), default=0)
-        if len(self.steps) >= _MOST or depth > _DEEPEST:
-            raise NotScalar
+        if len(self.steps) >= _MOST:
+            raise NotScalar(f"more than {_MOST:,} operations")
+        if depth > _DEEPEST:
+            raise NotScalar(f"a chain of more than {_DEEPEST} operations")
         self._places[key] = len(self.steps)
         self.steps.append(step)
         self._depths.append(depth)
@@ -131,7 +136,7 @@ class _Builder:
     def numbers(self, value: Any, dtype: Any = None) -> np.ndarray:
         value = np.asarray(value, dtype)
         if value.size > _MOST:
-            raise NotScalar
+            raise NotScalar(f"more than {_MOST:,} numbers in an array")
         return _entries([value.dtype.type(x) for x in value.reshape(-1)], value.shape)
 
     def run(self, jaxpr: Jaxpr, consts: Sequence[np.ndarray], arguments: Sequence[np.ndarray]) -> list[np.ndarray]:
@@ -176,7 +181,7 @@ class _Builder:
                     return [operands[0]]
                 fixed = (("new_dtype", parameters["new_dtype"]), ("sharding", None), ("weak_type", False))
             return [self._each(equation.primitive, fixed, operands, shape, dtype)]
-        raise NotScalar
+        raise NotScalar(f"holds `{name}`")
 
     def _each(self, primitive, parameters, operands, shape, dtype) -> np.ndarray:
         flat = [np.broadcast_to(x, shape).reshape(-1) for x in operands]
@@ -222,7 +227,7 @@ class _Builder:
         free_a = [i for i in range(a.ndim) if i not in (*over_a, *batch_a)]
         free_b = [i for i in range(b.ndim) if i not in (*over_b, *batch_b)]
         if b.size * math.prod(a.shape[i] for i in free_a) > _MOST:
-            raise NotScalar
+            raise NotScalar(f"a product of more than {_MOST:,} operations")
         A = a.transpose([*batch_a, *free_a, *over_a])
         B = b.transpose([*batch_b, *free_b, *over_b])
         batch, n = A.shape[: len(batch_a)], math.prod(a.shape[i] for i in over_a)
@@ -242,7 +247,7 @@ class _Builder:
         rest = [i for i in range(a.ndim) if i not in axes]
         rows = a.transpose([*rest, *axes]).reshape(math.prod(shape), -1)
         if not rows.shape[1]:
-            raise NotScalar
+            raise NotScalar(f"`{name}` of nothing")
         return _entries([self._folded(primitive, row, dtype) for row in rows], shape)
 
     def _folded(self, primitive, values, dtype) -> "int | Number":
@@ -269,7 +274,7 @@ def _slice(parameters, x):
 def _pad(parameters, x, value):
     widths = [(low, high) for low, high, _ in parameters["padding_config"]]
     if np.min(parameters["padding_config"], initial=0) < 0 or any(inner for *_, inner in parameters["padding_config"]):
-        raise NotScalar
+        raise NotScalar("`pad` that cuts off or pads between entries")
     found = np.pad(x, widths)
     found[np.pad(np.zeros(x.shape, bool), widths, constant_values=True)] = value[()]
     return [found]

@@ -1,0 +1,39 @@
+"""How a function of small arrays is mapped over a batch: taken apart into scalars or as it stands, and why."""
+
+import functools
+import logging
+import math
+from typing import Any, NamedTuple
+
+from jax.extend.core import ClosedJaxpr
+
+from ._scalar_program import NotScalar, ScalarProgram, scalar_program
+
+logger = logging.getLogger("jaxrmp.xla")
+FEWEST = 64  # states from which on a loop is worth it
+
+
+class Plan(NamedTuple):
+    """`program`, the function's scalar program, or None where it is mapped as it stands, for a `reason`."""
+
+    program: ScalarProgram | None
+    reason: str = ""
+
+
+def planned(jaxpr: ClosedJaxpr, batch: tuple[Any, ...]) -> Plan:
+    """The plan for a function that is mapped over axes of the sizes `batch`, on a CPU."""
+    if not batch:
+        return Plan(None, "a single state")
+    if not all(isinstance(n, int) for n in batch):
+        return Plan(None, f"a batch of unknown size {batch}")
+    if math.prod(batch) < FEWEST:
+        return Plan(None, f"a batch of {math.prod(batch)} < {FEWEST} states")
+    return _taken_apart(jaxpr)
+
+
+@functools.lru_cache(maxsize=256)
+def _taken_apart(jaxpr: ClosedJaxpr) -> Plan:
+    try:
+        return Plan(scalar_program(jaxpr))
+    except NotScalar as error:
+        return Plan(None, str(error))
