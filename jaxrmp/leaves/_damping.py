@@ -28,7 +28,6 @@ class Damping(SeparableGDS):
     weight: jax.Array | float = 1e-3
     damping_rate: jax.Array | float = 1.0
     name: str = static(default="damping")
-    coordinatewise = True
 
     def __post_init__(self):
         require(self, non_negative=("weight", "damping_rate"))

@@ -60,7 +60,6 @@ class JointLimit(SeparableGDS):
     reach: jax.Array | float = 0.1
     frequency: jax.Array | float = 50.0
     name: str = static(default="joint_limit")
-    coordinatewise = True
 
     def __post_init__(self):
         require(

@@ -38,7 +38,6 @@ class JointVelocityLimit(SeparableGDS):
     damping_rate: jax.Array | float = 20.0
     onset: jax.Array | float = 0.7
     name: str = static(default="joint_velocity_limit")
-    coordinatewise = True
 
     def __post_init__(self):
         require(self, positive=("limit",), non_negative=("weight", "damping_rate", "onset"), below_one=("onset",))

@@ -30,7 +30,6 @@ class Posture(SeparableGDS):
     stiffness: jax.Array | float = 4.0
     damping_rate: jax.Array | float = 4.0
     name: str = static(default="posture")
-    coordinatewise = True
 
     def __post_init__(self):
         require(self, non_negative=("weight", "stiffness", "damping_rate"))

@@ -10,12 +10,12 @@ from jax.lax import Precision
 
 from .._errors import ConfigurationError, ShapeError
 from .._forms import DiagonalForm, NaturalForm
-from ..xla import materialise
 from .._pytree import pytree, set_field, static
 from .._task_map import Pushforward, TaskMap, Transport, pushforward, transport_by_jacobian
 from ..kinematics import ControlPoints
 from ..kinematics._jacobian import line_rows
 from ..kinematics._scalars import cross
+from ..xla import materialise
 from ._components import components, dot, length, length_derivatives
 from ._obstacle_distances import radii_of_points, set_radii
 

@@ -10,4 +10,6 @@ from ._cores import own_cores as own_cores
 from ._materialise import concatenated as concatenated
 from ._materialise import materialise as materialise
 from ._one_loop import one_loop as one_loop
+from ._report import Part as Part
+from ._report import report as report
 from ._switch import machinery as machinery

@@ -6,7 +6,6 @@ chain the sines and cosines, two thirds of the run time at batch 4,096. What is 
 and other platforms do not need it: so nothing here is done but for a batch on a CPU.
 """
 
-import math
 from collections.abc import Sequence
 
 import jax
@@ -15,7 +14,6 @@ import numpy as np
 from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
 
-from ._plan import FEWEST
 from ._switch import is_on
 
 _materialise_p = Primitive("materialise")
@@ -53,7 +51,7 @@ def _batch(arguments, dimensions):
 
 def _times_identity(x):
     m = x.shape[-1]
-    if math.prod(x.shape[:-1]) < FEWEST or m == 0:
+    if x.ndim < 2 or m == 0:
         return x
     width = max(w for w in range(1, 17) if m % w == 0)
     if width < 4 < m:  # no divisor that is worth a product: fill up
@@ -77,7 +75,7 @@ def _one_by_one(*arrays, count):
 
 
 def _by_one_loop(*arrays, count):
-    if math.prod(arrays[0].shape[:-1]) < FEWEST:
+    if arrays[0].ndim < 2:
         return _one_by_one(*arrays, count=count)
     joined = jnp.concatenate(arrays, axis=-1)
     rows = joined.reshape(*joined.shape[:-1], count, -1)  # XLA sees through slices of a concatenation, but not of this

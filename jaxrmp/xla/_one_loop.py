@@ -20,6 +20,7 @@ from jax.core import Tracer
 from jax.extend.core import ClosedJaxpr, Literal, Primitive, jaxpr_as_fun
 from jax.interpreters import ad, batching, mlir
 
+from ._materialise import materialise
 from ._plan import Plan, planned
 from ._scalar_program import ScalarProgram
 from ._switch import is_on
@@ -101,7 +102,16 @@ def _arguments_of_tracers(closed: ClosedJaxpr, values: list) -> tuple[ClosedJaxp
     return ClosedJaxpr(opened, [consts[k] for k in known]), [*(consts[k] for k in traced), *values]
 
 
-def _mapped(*values, jaxpr, levels, call=lambda jaxpr, *values: jaxpr_as_fun(jaxpr)(*values), **_):
+def _as_it_stands(jaxpr, *values):
+    return jaxpr_as_fun(jaxpr)(*values)
+
+
+def _written_out(jaxpr, *values):
+    """With its arguments in memory, so that no output computes anew what they are made of."""
+    return jaxpr_as_fun(jaxpr)(*(materialise(v) if v.ndim and v.dtype.kind == "f" else v for v in values))
+
+
+def _mapped(*values, jaxpr, levels, call=_as_it_stands, **_):
     """The function by `jax.vmap`."""
     function = functools.partial(call, jaxpr)
     for level in levels:
@@ -156,9 +166,13 @@ def _push(primals, tangents, *, jaxpr, levels, **_):
 def _lower_on_cpu(context, *values, jaxpr, levels, within, **_):
     plan = plan_of(jaxpr, levels, within) if is_on() and 0 not in (level.size for level in levels) else None
     if plan and plan.program:
+        if plan.along:
+            along = [0 if a.shape else None for a in (*jaxpr.in_avals, *plan.program.constants)]
+            levels = (Level(plan.along, tuple(along), -1), *levels)
         function = functools.partial(_in_one_loop, program=plan.program, levels=levels)
     else:
-        function = functools.partial(_mapped, jaxpr=jaxpr, levels=levels)
+        call = _written_out if plan and plan.too_large else _as_it_stands
+        function = functools.partial(_mapped, jaxpr=jaxpr, levels=levels, call=call)
     return mlir.lower_fun(function, multiple_results=True)(context, *values)
 
 
@@ -171,6 +185,8 @@ def _in_one_loop(*values: jax.Array, program: ScalarProgram, levels: tuple[Level
     """
     sizes = tuple(level.size for level in levels)
     N = math.prod(sizes)
+    levels = tuple(level._replace(places=(*level.places, *[None] * len(program.constants))) for level in levels)
+    values = (*values, *map(jnp.asarray, program.constants))
     values = tuple(_levels_last(v, [level.places[k] for level in levels]) for k, v in enumerate(values))
 
     def entry(step):

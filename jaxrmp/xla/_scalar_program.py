@@ -59,10 +59,19 @@ class Input(NamedTuple):
 
 
 class ScalarProgram(NamedTuple):
-    """`steps`, each an input or an operation on what is above it, and for each output its entries: steps or numbers."""
+    """`steps`, each an input or an operation on what is above it, and for each output its entries: steps or numbers.
+
+    `constants` are arguments behind the function's own.
+    """
 
     steps: list[Input | Operation]
     outputs: list[np.ndarray]
+    constants: tuple[np.ndarray, ...] = ()
+
+    @property
+    def operations(self) -> int:
+        """How many scalar operations there are."""
+        return sum(isinstance(step, Operation) for step in self.steps)
 
     def computes(self, entry: "int | Number") -> bool:
         """Whether an entry of an output is neither a number nor an entry of an argument as it came."""
@@ -100,6 +109,24 @@ def scalar_program(closed: ClosedJaxpr) -> ScalarProgram:
         arguments.append(_entries([builder.step(Input(k, i, a.dtype)) for i in range(a.size)], a.shape))
     outputs = builder.run(closed.jaxpr, [builder.numbers(c) for c in closed.consts], arguments)
     return _only_needed(builder.steps, outputs)
+
+
+def coordinate_program(closed: ClosedJaxpr) -> tuple[ScalarProgram, int]:
+    """The program for one coordinate of a function of vectors of one length, elementwise throughout; and that length.
+
+    **Raises** `NotScalar` for any other function.
+    """
+    lengths = {a.shape for a in closed.out_avals}
+    if len(lengths) != 1 or len(length := next(iter(lengths))) != 1:
+        raise NotScalar("results that are not vectors of one length")
+    builder = _Coordinate(length)
+    arguments = []
+    for k, a in enumerate(closed.in_avals):
+        arguments.append(_entries([builder.step(Input(k, 0, a.dtype))], builder.thin(a.shape)))
+    builder.first_constant = len(arguments)
+    outputs = builder.run(closed.jaxpr, [builder.numbers(c) for c in closed.consts], arguments)
+    program = _only_needed(builder.steps, [o.reshape(()) for o in outputs])
+    return program._replace(constants=tuple(builder.constants)), length[0]
 
 
 def _entries(values: Sequence[Any], shape: tuple[int, ...]) -> np.ndarray:
@@ -255,6 +282,40 @@ class _Builder:
         for value in values[1:]:
             total = self.operation(primitive, (), (total, value), dtype)
         return total
+
+
+class _Coordinate(_Builder):
+    """Takes vectors of the given length as vectors of one entry, where all that is done to them is elementwise."""
+
+    def __init__(self, length: tuple[int, ...]):
+        super().__init__()
+        self._length, self.first_constant, self.constants = length, 0, []
+
+    def thin(self, shape: tuple[int, ...]) -> tuple[int, ...]:
+        if shape not in ((), self._length):
+            raise NotScalar(f"an array {shape} in a function of vectors {self._length}")
+        return (1,) if shape else ()
+
+    def numbers(self, value, dtype=None):
+        value = np.asarray(value, dtype)
+        if not self.thin(value.shape):
+            return super().numbers(value)
+        if (value == value[0]).all():
+            return super().numbers(value[:1])
+        self.constants.append(value)
+        place = self.step(Input(self.first_constant + len(self.constants) - 1, 0, value.dtype))
+        return _entries([place], (1,))
+
+    def _equation(self, equation, operands):
+        name, shape = equation.primitive.name, self.thin(equation.outvars[0].aval.shape)
+        if name == "broadcast_in_dim":
+            return [np.broadcast_to(operands[0], shape)]
+        if name not in _ELEMENTWISE and name not in _INLINED:
+            raise NotScalar(f"holds `{name}`")
+        return super()._equation(equation, operands)
+
+    def _each(self, primitive, parameters, operands, shape, dtype):
+        return super()._each(primitive, parameters, operands, self.thin(shape), dtype)
 
 
 def _broadcast(parameters, x):
