@@ -204,7 +204,7 @@ def test_what_should_be_taken_apart_is():
     parts = report(policy_24_pairs, *example, batch=FEWEST, in_axes=(None, 0, 0))
     assert {part.name for part in parts} >= PARTS
     assert [part for part in parts if not part.taken_apart] == []
-    assert all(0 < part.operations <= 3000 for part in parts if part.name not in ("Damping.evaluate", "_as_points"))
+    assert max(part.operations for part in parts) <= 3000 < sum(part.operations for part in parts)
     few = report(policy_24_pairs, *example, batch=FEWEST - 1, in_axes=(None, 0, 0))
     assert {part.reason for part in few} == {f"a batch of {FEWEST - 1} < {FEWEST} states"}
 
