@@ -183,7 +183,7 @@ PARTS = {
     "JointLimit.evaluate",
     "CollisionAvoidance.evaluate",
     "Damping.evaluate",
-    "cholesky_solve",
+    "_solve_by_cholesky",
 }
 
 
