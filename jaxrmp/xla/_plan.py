@@ -37,13 +37,13 @@ def planned(jaxpr: ClosedJaxpr, batch: tuple[Any, ...]) -> Plan:
 
 @functools.lru_cache(maxsize=256)
 def _taken_apart(jaxpr: ClosedJaxpr) -> Plan:
-    try:
-        return Plan(scalar_program(jaxpr))
-    except NotScalar as error:
-        reason = str(error)
-    try:
+    try:  # first, since it is the smaller program, which compiles in a tenth of the time
         program, along = coordinate_program(jaxpr)
         return Plan(program, along=along)
     except NotScalar:
-        logger.info("a function of %s is no loop: %s", [str(a) for a in jaxpr.in_avals], reason)
-        return Plan(None, reason)
+        pass
+    try:
+        return Plan(scalar_program(jaxpr))
+    except NotScalar as error:
+        logger.info("a function of %s is no loop: %s", [str(a) for a in jaxpr.in_avals], error)
+        return Plan(None, str(error))
