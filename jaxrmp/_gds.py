@@ -22,15 +22,15 @@ class GeometricDynamicalSystem(Leaf):
     """A leaf given by metric, potential and damping on a space [m]. Subclasses implement those three."""
 
     def metric(self, x: jax.Array, xd: jax.Array) -> jax.Array:
-        """`G` [m, m], symmetric and positive semi-definite."""
+        """`G` [m, m] at `x, xd` [m], symmetric and positive semi-definite."""
         raise NotImplementedError
 
     def potential(self, x: jax.Array) -> jax.Array:
-        """`Phi`, a scalar, bounded from below."""
+        """`Phi` at `x` [m], a scalar, bounded from below."""
         raise NotImplementedError
 
     def damping(self, x: jax.Array, xd: jax.Array) -> jax.Array:
-        """`B` [m, m], positive semi-definite."""
+        """`B` [m, m] at `x, xd` [m], positive semi-definite."""
         raise NotImplementedError
 
     def __call__(self, x, xd):
@@ -66,15 +66,15 @@ class SeparableGDS(SeparableLeaf):
     coordinatewise = False
 
     def metric(self, x: jax.Array, xd: jax.Array) -> jax.Array:
-        """The diagonal of `G`, [m]; entry i depends on `x[i]` and `xd[i]` alone; not negative."""
+        """The diagonal of `G`, [m], at `x, xd` [m]; entry i depends on `x[i]` and `xd[i]` alone; not negative."""
         raise NotImplementedError
 
     def potential(self, x: jax.Array) -> jax.Array:
-        """The terms of `Phi`, [m]; entry i depends on `x[i]` alone."""
+        """The terms of `Phi`, [m], at `x` [m]; entry i depends on `x[i]` alone."""
         raise NotImplementedError
 
     def damping(self, x: jax.Array, xd: jax.Array) -> jax.Array:
-        """The diagonal of `B`, [m]; not negative."""
+        """The diagonal of `B`, [m], at `x, xd` [m]; not negative."""
         raise NotImplementedError
 
     def evaluate(self, x, xd):

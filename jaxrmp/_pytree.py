@@ -17,7 +17,7 @@ _FLATTENED = "_flattened"
 
 
 def static(**kwargs: Any) -> Any:
-    """Mark a field of a `pytree` class as structure rather than parameter; takes `dataclasses.field`'s arguments."""
+    """Mark a field of a `pytree` class as structure rather than parameter; `**kwargs` are `dataclasses.field`'s."""
     return dataclasses.field(metadata={"static": True}, **kwargs)
 
 

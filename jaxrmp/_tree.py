@@ -23,15 +23,15 @@ class Node:
         raise NotImplementedError
 
     def evaluate(self, x: jax.Array, xd: jax.Array) -> Form:
-        """What the call gives, with the structure of its metric kept: what task maps pull back."""
+        """What the call gives at `x, xd`, with the structure of its metric kept: what task maps pull back."""
         return self(x, xd)
 
     def energy(self, x: jax.Array, xd: jax.Array) -> jax.Array:
-        """Lyapunov function `V = 1/2 xd^T G xd + Phi`, a scalar; zero from a leaf that has none."""
+        """Lyapunov function `V = 1/2 xd^T G xd + Phi` at `x, xd`, a scalar; zero from a leaf that has none."""
         raise NotImplementedError
 
     def dissipation(self, x: jax.Array, xd: jax.Array) -> jax.Array:
-        """Rate of energy loss `xd^T B xd`, a scalar, per second; zero from a leaf that has none."""
+        """Rate of energy loss `xd^T B xd` at `x, xd`, a scalar, per second; zero from a leaf that has none."""
         raise NotImplementedError
 
     def leaves(self) -> Iterator["Leaf"]:
@@ -45,8 +45,9 @@ class Node:
 
 
 class Leaf(Node):
-    """A node at the end of a branch. `certified` says whether it is a geometric dynamical system, `has_goal` whether it
-    is there to bring its space to one place, so that what is left to it (`inspection.gap`) tells success from failure.
+    """A node at the end of a branch. `name` is what reports call it, `certified` says whether it is a geometric
+    dynamical system, `has_goal` whether it is there to bring its space to one place, so that what is left to it
+    (`inspection.gap`) tells success from failure.
 
     A leaf that is not keeps the energies of the others but voids their sum as a certificate: it inherits the zero
     energy below and sets `certified = False`.
@@ -92,7 +93,7 @@ class SeparableLeaf(Leaf):
 
 @pytree
 class Sum(Node):
-    """Policies on the same space, acting together: forces and metrics add."""
+    """Policies on the same space, `nodes`, acting together: forces and metrics add."""
 
     nodes: tuple[Node, ...]
 
@@ -118,7 +119,7 @@ class Sum(Node):
 
 @pytree
 class Pullback(Node):
-    """A policy on another space, seen from this one through a task map."""
+    """A policy on another space, `node`, seen from this one through `task_map`."""
 
     task_map: Callable[[jax.Array], jax.Array]
     node: Node
@@ -144,7 +145,7 @@ class Pullback(Node):
 class Batched(Node):
     """One policy at K points [K, m] at once, evaluated as one batch.
 
-    The node's parameters carry a leading axis of K, one policy a point, unless `shared`, when every point has the
+    The parameters of `node` carry a leading axis of K, one policy a point, unless `shared`, when every point has the
     same. Much faster to run and to compile than K nodes in a sum.
 
     **Raises** `ShapeError` if the parameters do not all have that leading axis.
@@ -202,7 +203,7 @@ def pullback(task_map: Callable[[jax.Array], jax.Array], node: Node) -> Pullback
 
 
 def batched(*nodes: Node) -> Batched:
-    """Nodes of the same kind at K points [K, m], stacked into one `Batched` node.
+    """`*nodes` of the same kind at K points [K, m], stacked into one `Batched` node.
 
     **Raises** `ShapeError` for nodes that are not alike in all but the values of their parameters.
 

@@ -13,7 +13,7 @@ from ._report import KINDS
 def write_page(
     report: Mapping[str, Any], figures: Mapping[str, tuple[bytes, str]], path: str | os.PathLike, *, title: str
 ) -> Path:
-    """Write the page; it appears whole or not at all.
+    """Write the page `title` to `path`; it appears whole or not at all.
 
     **Arguments**: `report`, as `report` gives it, with `settings` and `made_by` if there are; `figures`, for each
     heading a PNG picture and what it shows.

@@ -30,7 +30,8 @@ def report(evaluation: Evaluation, skill: Skill, problem: Problem, *, stationary
     """All numbers of an evaluation: shares of starts, largest values, rest points, regions, failing starts, stability.
 
     `max_energy_increase` is the largest rise of V above its least value before, relative to V's range on that rollout.
-    **Arguments**: `stationary`, whether to look for the potentials' stationary points, which takes some seconds.
+    **Arguments**: `evaluation`, by `evaluate`, of `problem`, the `skill`'s; `stationary`, whether to look for the
+    potentials' stationary points, which takes some seconds.
     """
     kind, track = evaluation.ends.kind, evaluation.outcomes.track
     N = len(kind)
@@ -124,7 +125,7 @@ def _quantiles(values: np.ndarray) -> dict[str, float] | None:
 def _limit_stops(evaluation: Evaluation) -> list[dict[str, Any]]:
     """How many starts each joint limit stopped, and how far from the goal."""
     stopped = np.flatnonzero(evaluation.ends.kind == End.STOPPED_AT_LIMIT)
-    joint = np.abs(evaluation.ends.push[stopped]).argmax(1)
+    joint = np.abs(evaluation.ends.limit_force[stopped]).argmax(1)
     found = []
     for j in np.unique(joint):
         at = stopped[joint == j]

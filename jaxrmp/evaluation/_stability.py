@@ -38,7 +38,7 @@ def learned_metrics(learned: Learned, points: np.ndarray) -> list[dict[str, floa
 
 
 def goal_hessians(learned: Learned) -> list[dict[str, Any]]:
-    """For each subtask the slope of its potential at the goal, and the eigenvalues of its Hessian there, 1/m."""
+    """Of each subtask in `learned`, stacked, the potential's slope and its Hessian's eigenvalues, 1/m, at the goal."""
     slopes, hessians = (np.asarray(a, float) for a in _derivatives(learned.potential_of, learned.speed))
     return [
         {"slope": float(np.linalg.norm(g)), "hessian_eigenvalues": np.linalg.eigvalsh(H).tolist()}
@@ -58,7 +58,8 @@ def stationary_points(
 
     Levenberg and Marquardt's method on `grad Phi = 0`, which ends at minima, saddles and maxima alike.
 
-    **Arguments**: `potential`, a callable pytree of x [m], m, its goal at the origin; `lower`, `upper` [m].
+    **Arguments**: `potential`, a callable pytree of x [m], m, its goal at the origin; `lower`, `upper` [m], m, the box;
+    `starts`, of the search, how many; `seed`, of their places.
     **Returns** for each `position`, its `kind` (minimum, saddle, maximum), its distance from the goal, the Hessian's
     `eigenvalues`, and the share of starts that ended there.
     """

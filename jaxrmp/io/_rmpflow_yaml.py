@@ -90,13 +90,13 @@ def read_rmpflow(path: str | os.PathLike, num_joints: int) -> RmpflowSettings:
         entries = section.keys(known, flags)
         gains[name] = {key: _constant(entries[key]) for key in known}
         # Weights of a user's own are a feature of Lula's programming interface that a policy here has no need of.
-        inactive += [f"{name}.{flag}" for flag in flags if flag in entries and entries[flag].truth()]
+        inactive += [f"{name}.{flag}" for flag in flags if flag in entries and entries[flag].boolean()]
         inactive += [name] if name in _INACTIVE else []
 
     resolve = top["canonical_resolve"].keys(["max_acceleration_norm", "projection_tolerance"], ["verbose"])
     limit, tolerance = (_positive(resolve[key]) for key in ("max_acceleration_norm", "projection_tolerance"))
     if "verbose" in resolve:
-        resolve["verbose"].truth()
+        resolve["verbose"].boolean()
 
     controllers, lines = {}, {}
     for entry in top["body_collision_controllers"].items() if "body_collision_controllers" in top else []:

@@ -113,7 +113,7 @@ class ControlPoints(TaskMap):
         return Transport(y, yd, pull_form)
 
     def motions(self, x: jax.Array, xd: jax.Array) -> PointMotions:
-        """What the Jacobian of the points, and of distances between them, is made of."""
+        """What the Jacobian of the points, and of distances between them, is made of, at `x, xd` [n]."""
         x, xd = configuration(self.robot, x), configuration(self.robot, xd, "xd")
         bodies = tuple(self.robot.model.frames[self.robot.frame_index(name)].body for name in self.frames)
         turns = turns_at(self.robot.model, bodies, x)

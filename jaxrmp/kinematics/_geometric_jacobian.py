@@ -13,7 +13,7 @@ from ._scalars import ZERO, Vector, add3, cross, sub3
 def geometric_jacobian(robot: Robot, q: jax.Array, frame: str) -> jax.Array:
     """The geometric Jacobian of one frame: `[v; omega] = J qd`, both in the world's axes, v of the frame's origin.
 
-    **Arguments**: `q`, joint positions [n], rad or m; `frame`, the name of a body or site.
+    **Arguments**: `robot`; `q`, joint positions [n], rad or m; `frame`, the name of a body or site.
     **Returns** `J` [6, n], the linear rows first; differentiable, in `q`'s dtype.
     **Raises** `UnknownNameError` if there is no such frame, `ShapeError` if `q` is not [n].
 

@@ -22,7 +22,7 @@ _NOT_KINEMATIC = (
 
 
 def load_robot(path: str | os.PathLike, *, fixed: Mapping[str, float] | None = None, name: str | None = None) -> Robot:
-    """Read a robot from an MJCF or URDF file.
+    """Read a robot from the MJCF or URDF file at `path`.
 
     Only the kinematics is read: meshes need not be there, links need no inertia. Joints may be revolute, prismatic
     or fixed, several to a body, in branching trees; fixed links and sites stay as frames. Mimic joints (URDF
@@ -47,7 +47,7 @@ def load_robot(path: str | os.PathLike, *, fixed: Mapping[str, float] | None = N
 
 
 def load_robot_from_string(xml: str, *, fixed: Mapping[str, float] | None = None, name: str | None = None) -> Robot:
-    """Read a robot from the text of an MJCF or URDF file; the rest as `load_robot`."""
+    """Read a robot from the text of an MJCF or URDF file, `xml`; the rest as `load_robot`."""
     mujoco = import_mujoco()
     try:
         spec = mujoco.MjSpec.from_string(xml)

@@ -26,7 +26,7 @@ def _require(section: str, settings: Any, positive: tuple[str, ...] = (), not_ne
 
 @dataclass(frozen=True)
 class Subtask:
-    """One control point whose motion matters: `offset` [3], m, in the robot's frame `frame`."""
+    """One control point whose motion matters, `name`: `offset` [3], m, in the robot's frame `frame`."""
 
     name: str
     frame: str
@@ -48,7 +48,7 @@ class TargetSettings:
 
 @dataclass(frozen=True)
 class PotentialSettings:
-    """How the potential is fitted and its kernel width chosen; lengths in metres, see `choose_potential`."""
+    """How the potential is fitted and its kernel width chosen; arguments as `choose_potential`."""
 
     widths: tuple[float, ...] = (0.02, 0.03, 0.04, 0.05, 0.06, 0.08)
     sharpness: float = 30.0
@@ -64,11 +64,11 @@ class PotentialSettings:
 
 @dataclass(frozen=True)
 class MetricSettings:
-    """The metric's network and training, see `train_metrics`. Every other sample is trained on, each with a copy
-    displaced by normal noise of standard deviation `spread`, m, whose target velocity leads back to the demonstration
-    over a length of `convergence`, m (if large: parallel to it), so that the field converges in a tube around the
-    demonstrations. `reach`, m, of the metric's support around the demonstrations,
-    beyond which it becomes the identity; 0 for the network everywhere, as published."""
+    """The metric's network and training, arguments as `train_metrics`. Every other sample is trained on, each with a
+    copy displaced by normal noise of standard deviation `spread`, m, whose target velocity leads back to the
+    demonstration over a length of `convergence`, m (if large: parallel to it), so that the field converges in a tube
+    around the demonstrations. `reach`, m, of the metric's support around the demonstrations, beyond which it becomes
+    the identity; 0 for the network everywhere, as published."""
 
     hidden: tuple[int, ...] = (128, 64)
     activation: str = "relu"
@@ -94,7 +94,9 @@ class MetricSettings:
 
 @dataclass(frozen=True)
 class PolicySettings:
-    """Gains of the learned policy: cruise `speed`, m/s; `damping_rate`, 1/s; joint damping and limits as in leaves."""
+    """Gains of the learned policy: cruise `speed`, m/s; `damping_rate`, 1/s; `joint_damping_weight`,
+    `joint_damping_rate`, as `leaves.Damping` has them; `joint_limit_weight`, `joint_limit_sigma`,
+    `joint_limit_barrier`, `joint_limit_reach`, `joint_limit_frequency`, as `leaves.JointLimit` has them."""
 
     speed: float = 0.2
     damping_rate: float = 40.0
@@ -119,7 +121,8 @@ class Configuration:
     `name` of the skill; `subtasks`, its control points; `robot`, "panda" or the path of an MJCF or URDF file;
     `fixed_joints`, joints of that file that stay at a value; `base`, the frame of the robot in which object poses were
     recorded; `object`, the tracked object whose frame the skill lives in, empty for the axes of `base` at the mean
-    final position of the first control point.
+    final position of the first control point; `seed`, of all that is random; `preprocessing`, `target`, `potential`,
+    `metric` and `policy`, the settings of each step.
 
     **Raises** `ConfigurationError` for values that make no sense.
     """

@@ -61,7 +61,12 @@ class PreprocessingSettings:
 
 
 class PreprocessingReport(NamedTuple):
-    """What was found in one demonstration and done about it. Durations in seconds, speeds in rad/s (or m/s)."""
+    """What was found in one demonstration and done about it. Durations in seconds, speeds in rad/s (or m/s).
+
+    `samples_read`; `repeats_merged`, samples; `gaps`, how many, and `largest_gap`; `duration`; `trimmed_start` and
+    `trimmed_end`; `pauses_dropped`, how many, and `pause_seconds_dropped`; `static_speed`, below which the arm pauses;
+    `median_speed` while it moves; `path_length`, rad (or m).
+    """
 
     samples_read: int
     repeats_merged: int
@@ -78,20 +83,20 @@ class PreprocessingReport(NamedTuple):
 
 
 class Preprocessed(NamedTuple):
-    """Trajectories `q`, N arrays [samples, n] in rad or m, and one report for each."""
+    """Trajectories `q`, N arrays [samples, n] in rad or m, and one of `reports` for each."""
 
     q: tuple[np.ndarray, ...]
     reports: tuple[PreprocessingReport, ...]
 
 
 def preprocess(demonstrations: DemonstrationSet, settings: PreprocessingSettings | None = None) -> Preprocessed:
-    """Make each demonstration a smooth joint trajectory of `settings.samples` points, keeping its geometry.
+    """Make each of `demonstrations` a smooth joint trajectory of `settings.samples` points, keeping its geometry.
 
     Repeated stamps are merged, the rest put on an even time grid, pauses dropped (those at the ends become the one
     configuration in which the arm rested), the joints smoothed by a Savitzky-Golay filter that leaves the two end
     points where they are, and resampled by a cubic spline.
 
-    **Returns** a `Preprocessed`.
+    **Arguments**: `settings`, by default `PreprocessingSettings()`. **Returns** a `Preprocessed`.
     **Raises** `DemonstrationError` if a demonstration is without motion or moves for less than the filter window;
     `MissingDependencyError` without scipy.
 

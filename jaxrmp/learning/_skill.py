@@ -47,7 +47,7 @@ class Skill:
     ) -> TaskMap:
         """From joint positions [n] to the control points [K, 3] in the object's frame, each with its target at zero.
 
-        **Arguments**: `T_world_object` [4, 4], where the object is now, in the world of the robot's model, default
+        **Arguments**: `robot`; `T_world_object` [4, 4], where the object is now, in the world of its model, default
         where it was demonstrated; `targets` [K, 3], in the object's frame, m, default the skill's.
         **Raises** `RobotError` if `robot` has other kinematics than the skill was learned on.
 

@@ -31,7 +31,7 @@ _POTENTIAL = ("points", "biases", "end_slope", "width", "sharpness")
 
 
 def save_skill(skill: Skill, path: str | os.PathLike) -> Path:
-    """Write a skill to `path` (conventionally `NAME.skill.npz`); the file appears whole or not at all."""
+    """Write `skill` to `path` (conventionally `NAME.skill.npz`); the file appears whole or not at all."""
     factor = skill.learned.cholesky_of
     if not isinstance(factor, CholeskyFactor) or not isinstance(skill.learned.potential_of, NominalPotential):
         raise SkillFileError("only skills of a NominalPotential and a CholeskyFactor can be saved.")
@@ -72,7 +72,7 @@ def save_skill(skill: Skill, path: str | os.PathLike) -> Path:
 
 
 def load_skill(path: str | os.PathLike) -> Skill:
-    """Read a skill back, bit for bit.
+    """Read the skill at `path` back, bit for bit.
 
     **Raises** `SkillFileError` if the file is missing, truncated or damaged, no skill, of another version, or holds
     anything that this version does not know.

@@ -76,7 +76,7 @@ class CollisionAvoidance(SeparableGDS):
             raise ConfigurationError(f"floor is {self.floor} and reach {self.reach}: expected floor < reach.")
 
     def gap(self, x: jax.Array) -> jax.Array:
-        """The smallest distance, for the inspector."""
+        """The smallest of the distances `x` [m], for the inspector."""
         return jnp.min(x)
 
     def metric(self, x, xd):

@@ -63,10 +63,10 @@ class Learned(GeometricDynamicalSystem):
         return (self.damping_rate * self.metric(x, xd)).astype(x.dtype)
 
     def field(self, x: jax.Array) -> jax.Array:
-        """The learned first-order field `-M^-1 grad Phi` [m], of about unit length away from the goal."""
+        """The learned first-order field `-M^-1 grad Phi` [m] at `x` [m], of about unit length away from the goal."""
         return natural_gradient_field(self.cholesky_of(x), jax.grad(self.potential_of)(x))
 
 
 def natural_gradient_field(L: jax.Array, slope: jax.Array) -> jax.Array:
-    """`-M^-1 slope` for `M = L L^T`, by forward and back substitution; L [..., m, m], slope [..., m]."""
+    """`-M^-1 slope` for `M = L L^T`, by forward and back substitution; `L` [..., m, m], `slope` [..., m]."""
     return -solve_lower_transposed(L, solve_lower(L, slope))

@@ -61,7 +61,7 @@ class OrientationAttractor(GeometricDynamicalSystem):
         require(self, positive=("rounding",), non_negative=("weight", "stiffness", "damping_rate"))
 
     def gap(self, x: jax.Array) -> jax.Array:
-        """The angle to the goal, rad, for the inspector."""
+        """The angle from `x` [9] to the goal, rad, for the inspector."""
         sine = length(x - jnp.asarray(self.R_world_goal, x.dtype).reshape(9)) / 8**0.5  # of half of it
         return 2 * jnp.arcsin(jnp.minimum(sine, 1 - jnp.finfo(x.dtype).eps))
 

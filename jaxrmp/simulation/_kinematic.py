@@ -34,11 +34,11 @@ def rollout(
     """Roll a policy out from one state by semi-implicit Euler: `qd += dt qdd; q += dt qd`.
 
     **Arguments**: `tree`, a node on joint space; `q` [n], rad or m; `qd` [n], per second, default rest; `duration` and
-    `dt`, seconds; `substeps`, policy evaluations per recorded step of `dt`; `warn`, whether a call with numbers checks
-    what it has done: it issues a `StiffnessWarning` that gives the stable step if `dt` is too long for the policy, at
-    the start or at states on the way (`warn_if_stiff`, which compiles the policy once more), and a `GoalWarning` if
-    the arm came to rest away from a goal. Under `jit`, `vmap` and `grad` there are no numbers to check: `gap` is in
-    the result, `arrival(path)` judges it, and `warn_if_stiff` checks a step beforehand.
+    `dt`, seconds; `substeps`, policy evaluations per recorded step of `dt`; `method`, see `resolve`; `warn`, whether a
+    call with numbers checks what it has done: it issues a `StiffnessWarning` that gives the stable step if `dt` is too
+    long for the policy, at the start or at states on the way (`warn_if_stiff`, which compiles the policy once more),
+    and a `GoalWarning` if the arm came to rest away from a goal. Under `jit`, `vmap` and `grad` there are no numbers to
+    check: `gap` is in the result, `arrival(path)` judges it, and `warn_if_stiff` checks a step beforehand.
     **Raises** `ConfigurationError` for times that make no sense, `ShapeError` for shapes that do not fit.
     **Returns** a `Rollout` with `T = round(duration / dt) + 1`. One compiled loop under `jax.jit`; `vmap` over starts.
     Gradients with respect to the tree's parameters go through it; they keep the states, not what made them.

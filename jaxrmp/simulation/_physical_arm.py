@@ -41,7 +41,7 @@ def arm_alone() -> PhysicalArm:
 
 
 def arm_in_scene(scene: Scene) -> PhysicalArm:
-    """The arm of a scene, the furniture where it stands at first."""
+    """The arm of `scene`, the furniture where it stands at first."""
     qpos = np.array(scene.model.qpos0)
     qpos[scene.model.joint(scene.joint).qposadr[0]] = scene.start
     return _arm(scene.model, scene.robot, qpos)

@@ -76,7 +76,10 @@ class TrackerState(NamedTuple):
 
 
 def start_tracker(settings: TrackerSettings, seed: tuple[int, ...], T: np.ndarray) -> TrackerState:
-    """A tracker that has been running before the start: the object at pose `T` [4, 4] has just been seen."""
+    """A tracker that has been running before the start: the object at pose `T` [4, 4] has just been seen.
+
+    **Arguments**: `settings`; `seed`, integers, of all its noise.
+    """
     rng = np.random.default_rng([*seed, 0])
     drift = rng.normal(size=6) * _scales(settings.drift)
     drift[:3] += rng.normal(size=3) * settings.bias
@@ -87,7 +90,7 @@ def observe(settings: TrackerSettings, state: TrackerState, time: float, T: np.n
     """Let the tracker look at the object at pose `T` [4, 4] at `time`, s; to be called at least once a frame.
 
     At the time of a frame it takes one, unless that drops out or the tracker is silent; frames older than the delay
-    arrive.
+    arrive. `settings`, as at its start; `state`, what it was; **returns** what it is now.
     """
     seen, stamp, frame, drift, on_the_way, seed = state
     if time >= frame / settings.rate - 1e-9:

@@ -34,7 +34,8 @@ class Content(NamedTuple):
     """What a session is about. `policy`, with `robot` and `tree(T_world_target, world)`; `T_world_target` [4, 4] and
     `target`, what it is called; `world`, whose capsules can be dragged; `q` [n], where the arm starts; `hand`, its last
     frame; `spheres` on the robot; `source`, the robot's file, None for the built-in Panda; `furniture`, a
-    `scenes.Scene` or None; `balls` [N, 3], draggable obstacles, and how many of them are `shown` at first."""
+    `scenes.Scene` or None; `balls` [N, 3], draggable obstacles, and how many of them are `shown` at first; `frames`,
+    further ones whose poses are drawn; `labels` of the leaves."""
 
     policy: Any
     T_world_target: np.ndarray
@@ -180,7 +181,7 @@ class Session:
                 return
 
     def set_playing(self, playing: bool) -> None:
-        """Run the policy or hold the arm still."""
+        """Run the policy, `playing`, or hold the arm still."""
         self.loop.playing = playing
         self.play.label, self.play.icon = ("Pause", "player-pause") if playing else ("Play", "player-play")
 
@@ -189,13 +190,13 @@ class Session:
         self.loop.reset(self.content.q)
 
     def notify(self, message: str) -> None:
-        """Tell the person something on the page."""
+        """Show `message` to the person on the page."""
         self.play.label, self.play.icon = ("Pause", "player-pause") if self.loop.playing else ("Play", "player-play")
         for client in self.server.get_clients().values():
             client.add_notification("jaxrmp", message)
 
     def on_frame(self, frame: Frame) -> None:
-        """Called with every frame, in the policy's thread."""
+        """Called with every `frame`, in the policy's thread."""
 
     def policy(self) -> Any:
         """The policy with its gains as they stand."""
@@ -219,7 +220,7 @@ class Session:
         )
 
     def pose(self, frame: Frame, name: str) -> np.ndarray:
-        """The pose [4, 4] of one of the arm's drawn frames."""
+        """The pose [4, 4] at `frame` of the arm's drawn frame `name`."""
         return frame.poses[self.arm.frames.index(name)]
 
     def _guarded(self, work: Any) -> None:
@@ -249,7 +250,7 @@ class Session:
                 self.status.content = self.status_text(frame, len(drawn))
 
     def draw(self, frame: Frame) -> None:
-        """What a frame changes on the page."""
+        """What `frame` changes on the page."""
         self.arm.move(frame.poses)
         hand = self.pose(frame, self.content.hand)[:3, 3]
         self.push.follow(frame.time, hand)
@@ -260,7 +261,7 @@ class Session:
         self.trace.show(bool(self.shown["hand's trace"].value))
 
     def status_text(self, frame: Frame, updates: int) -> str:
-        """The line at the top of the controls."""
+        """The line at the top of the controls, at `frame`, with `updates` of the page a second."""
         rates = frame.rates
         running = f"{rates.steps:,.0f} steps/s" if self.loop.playing else "paused"
         late = f" · **{rates.lost:.1f} s behind**" if rates.lost > 0.05 else ""
@@ -281,7 +282,7 @@ class Session:
         return jax.tree.map(np.asarray, found), float(weight)
 
     def look(self, frame: Frame, found: Any, weight: float) -> None:
-        """Plot what the inspector found at a frame."""
+        """Plot what the inspector `found` at `frame`; `weight` is the hand's, see `examine`."""
         self.push.weight = weight if np.isfinite(weight) else 1.0
         self.trace.add(self.pose(frame, self.content.hand)[:3, 3])
         gaps: dict[str, float] = {}

@@ -5,14 +5,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..simulation import Run
-from ._style import BLACK, GREY, dress, new_figure, series_style
+from ._style import BLACK, GREY, label_axes, new_figure, series_style
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
 def physics_figure(run: Run) -> "Figure":
-    """The furniture's joint, the joint speeds and the torques as shares of their limits, over time, for every trial.
+    """The furniture's joint, and joint speeds and torques as shares of their limits, over time, of all trials of `run`.
 
     **Returns** a matplotlib `Figure`. **Raises** `MissingDependencyError` without matplotlib.
     """
@@ -33,8 +33,8 @@ def physics_figure(run: Run) -> "Figure":
     for axes in (middle, right):
         axes.axhline(1.0, color=BLACK, linewidth=0.8, linestyle="--")
         axes.set_ylim(bottom=0)
-    dress(left, "time (s)", "door turned (degrees)" if door else "drawer open (mm)", f"scene {scene.name}")
-    dress(middle, "time (s)", "largest joint speed, share of its limit")
+    label_axes(left, "time (s)", "door turned (degrees)" if door else "drawer open (mm)", f"scene {scene.name}")
+    label_axes(middle, "time (s)", "largest joint speed, share of its limit")
     ended = f"{run.successes} of {len(run.outcomes)} trials succeeded"
-    dress(right, "time (s)", "largest torque, share of its limit", ended)
+    label_axes(right, "time (s)", "largest torque, share of its limit", ended)
     return figure

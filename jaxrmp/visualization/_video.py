@@ -41,13 +41,13 @@ def prepare_headless() -> None:
 
 
 def check_video_name(path: str | os.PathLike) -> None:
-    """**Raises** `ConfigurationError` for a file whose ending is that of no video we can write."""
+    """**Raises** `ConfigurationError` for a `path` whose ending is that of no video we can write."""
     if Path(path).suffix not in _ENCODING:
         raise ConfigurationError(f"video {str(path)!r}: expected a name that ends in .mp4 or .gif.")
 
 
 def save_video(run: Run, path: str | os.PathLike, trials: int = 3) -> Path:
-    """Write the first trials of a run, one after the other, in real time, as MP4 or GIF by the file's ending.
+    """Write the first `trials` of `run`, one after the other, in real time, as MP4 or GIF by the ending of `path`.
 
     **Raises** `ConfigurationError` for another ending or where MuJoCo cannot draw; `MissingDependencyError` without
     imageio-ffmpeg.
@@ -81,7 +81,7 @@ def save_video(run: Run, path: str | os.PathLike, trials: int = 3) -> Path:
 
 
 def snapshots(run: Run, trial: int = 0, count: int = 6) -> np.ndarray:
-    """Pictures of one trial at instants even in time, side by side: [height, count width, 3].
+    """Pictures of trial `trial` of `run` at `count` instants even in time, side by side: [height, count width, 3].
 
     Rana et al. 2019, figures 3, 5, 7 and 8. **Raises** `ConfigurationError` where MuJoCo cannot draw.
     """

@@ -10,7 +10,7 @@ from jax.core import Tracer
 from .._pytree import pytree
 from .._ranges import require
 from .._task_map import check_rigid
-from ._components import components, corner_derivatives, magnitude, outside_corner, to_local, turned
+from ._components import components, corner_derivatives, magnitude, outside_corner, rotated, to_local
 from ._obstacles import PaddedObstacles, padded, set_fields
 
 
@@ -42,7 +42,7 @@ class Boxes(PaddedObstacles):
 
     @classmethod
     def of(cls, boxes: Iterable = (), capacity: int | None = None) -> "Boxes":
-        """Boxes from pairs (T_world_box, half_extents), padded to `capacity` slots."""
+        """Boxes from `boxes`, pairs (T_world_box, half_extents), padded to `capacity` slots."""
         (T, half_extents), active = padded("Boxes", boxes, capacity, (np.eye(4), (0.0, 0.0, 0.0)))
         return cls(T, half_extents, active)
 
@@ -53,10 +53,10 @@ class Boxes(PaddedObstacles):
     def derivatives(self, p, v):
         local, faces = self._local(p)
         signs = [jnp.where(x >= 0, 1, -1).astype(x.dtype) for x in local]
-        rates = [s * rate for s, rate in zip(signs, turned(self.T_world_box, v), strict=True)]
+        rates = [s * rate for s, rate in zip(signs, rotated(self.T_world_box, v), strict=True)]
         slopes, bend = corner_derivatives(faces, rates)
         x, y, z = (s * slope for s, slope in zip(signs, slopes, strict=True))
-        return turned(self.T_world_box, (x, y, z), back=True), bend
+        return rotated(self.T_world_box, (x, y, z), back=True), bend
 
     def _local(self, p):
         """Points in the boxes' frames, and their signed distances to the three nearer faces."""

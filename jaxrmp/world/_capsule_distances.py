@@ -56,8 +56,8 @@ class CapsuleDistances(TaskMap):
     def __call__(self, x):
         a, b = self.points_a(x), self.points_b(x)
         radii = self._radii(a, b)
-        d = self.world.of_each(a, lambda kind: _least_distance(kind, columns(a), columns(b))) - radii[:, None]
-        return self.world.only_active(d, FAR).reshape(-1)
+        d = self.world.over_kinds(a, lambda kind: _least_distance(kind, columns(a), columns(b))) - radii[:, None]
+        return self.world.mask_inactive(d, FAR).reshape(-1)
 
     def pushforward(self, x, xd):
         at_a, at_b = pushforward(self.points_a, x, xd), pushforward(self.points_b, x, xd)

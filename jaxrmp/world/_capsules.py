@@ -34,7 +34,7 @@ class Capsules(PaddedObstacles):
 
     @classmethod
     def of(cls, capsules: Iterable = (), capacity: int | None = None) -> "Capsules":
-        """Capsules from triples (start, end, radius), padded to `capacity` slots."""
+        """Capsules from `capsules`, triples (start, end, radius), padded to `capacity` slots."""
         (start, end, radius), active = padded("Capsules", capsules, capacity, ((0.0,) * 3, (0.0,) * 3, 0.0))
         return cls(start, end, radius, active)
 

@@ -111,7 +111,7 @@ def length_derivatives(offset: Sequence[jax.Array], rates: Sequence[jax.Array]) 
     return slopes, (sum(rate * rate for rate in rates) - along * along) * inverse
 
 
-def turned(T_world_frame: Any, v: Point, back: bool = False) -> Point:
+def rotated(T_world_frame: Any, v: Point, back: bool = False) -> Point:
     """World vectors in frames [O, 4, 4]: `R^T v`; with `back`, vectors of the frames in the world: `R v`."""
     T = jnp.asarray(T_world_frame, v[0].dtype)
     x, y, z = (dot(components(T[..., i, :3] if back else T[..., :3, i]), v) for i in range(3))
@@ -121,7 +121,7 @@ def turned(T_world_frame: Any, v: Point, back: bool = False) -> Point:
 def to_local(T_world_frame: Any, p: Point) -> Point:
     """World points in frames [O, 4, 4]: `R^T (p - t)`."""
     T = jnp.asarray(T_world_frame, p[0].dtype)
-    return turned(T, difference(p, components(T[..., :3, 3])))
+    return rotated(T, difference(p, components(T[..., :3, 3])))
 
 
 def gradient(field: Field, p: Point) -> Point:

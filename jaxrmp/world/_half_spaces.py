@@ -47,7 +47,7 @@ class HalfSpaces(PaddedObstacles):
 
     @classmethod
     def of(cls, half_spaces: Iterable = (), capacity: int | None = None) -> "HalfSpaces":
-        """Half-spaces from pairs (normal, offset), padded to `capacity` slots."""
+        """Half-spaces from `half_spaces`, pairs (normal, offset), padded to `capacity` slots."""
         (normal, offset), active = padded("HalfSpaces", half_spaces, capacity, ((0.0, 0.0, 1.0), 0.0))
         return cls(normal, offset, active)
 

@@ -46,8 +46,8 @@ class ObstacleDistances(TaskMap):
     def __call__(self, x):
         p = self.points(x)
         radii = radii_of_points(self.radii, p)
-        distance = self.world.of_each(p, lambda kind: kind.distance(columns(p))) - radii[:, None]
-        return self.world.only_active(distance, FAR).reshape(-1)
+        distance = self.world.over_kinds(p, lambda kind: kind.distance(columns(p))) - radii[:, None]
+        return self.world.mask_inactive(distance, FAR).reshape(-1)
 
     def pushforward(self, x, xd):
         at = pushforward(self.points, x, xd)

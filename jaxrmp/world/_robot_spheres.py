@@ -69,7 +69,7 @@ class RobotSpheres:
         return RobotSpheres(kept, self.offsets[rows], self.radii[rows], self.coverage_error)
 
     def points(self, robot: Robot) -> ControlPoints:
-        """The task map from joint positions to the centres [K, 3]. **Raises** `UnknownNameError` for a frame."""
+        """The task map from joint positions of `robot` to the centres [K, 3]. **Raises** `UnknownNameError`."""
         return ControlPoints(robot, self.frames, self.offsets)
 
 
@@ -109,7 +109,7 @@ def geometry_of_model(source: str | os.PathLike) -> Any:
 
 @functools.cache
 def panda_spheres(max_error: float = 0.015) -> RobotSpheres:
-    """Spheres for the built-in Panda, from its own geometry: by default 37 spheres that stick out 1.4 cm."""
+    """Spheres for the built-in Panda that stick out of its own geometry by `max_error`, m, at most: by default 37."""
     return spheres_from_model(PANDA_MODEL, max_error)
 
 

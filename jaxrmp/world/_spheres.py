@@ -33,7 +33,7 @@ class Spheres(PaddedObstacles):
 
     @classmethod
     def of(cls, spheres: Iterable = (), capacity: int | None = None) -> "Spheres":
-        """Spheres from pairs (center, radius), padded to `capacity` slots."""
+        """Spheres from `spheres`, pairs (center, radius), padded to `capacity` slots."""
         (center, radius), active = padded("Spheres", spheres, capacity, ((0.0, 0.0, 0.0), 0.0))
         return cls(center, radius, active)
 

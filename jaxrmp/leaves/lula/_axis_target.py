@@ -52,7 +52,7 @@ class AxisTarget(SeparableLeaf):
         )
 
     def gap(self, x: jax.Array) -> jax.Array:
-        """The distance left between the two unit vectors, for the inspector."""
+        """The distance left between the two unit vectors at `x` [6], for the inspector."""
         return length(jnp.asarray(self.target, x.dtype) - x[:3])
 
     def evaluate(self, x, xd):

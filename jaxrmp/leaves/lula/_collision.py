@@ -60,7 +60,7 @@ class Collision(SeparableLeaf):
         )
 
     def gap(self, x: jax.Array) -> jax.Array:
-        """The smallest distance, for the inspector."""
+        """The smallest of the distances `x` [m], for the inspector."""
         return jnp.min(x)
 
     def evaluate(self, x, xd):
