@@ -1,4 +1,4 @@
-"""The arguments of every command. Imports no more than it needs to parse them, so that help comes at once."""
+"""The arguments of every command. Imports none of the modules that do the work, so that help comes at once."""
 
 import argparse
 from pathlib import Path
@@ -14,7 +14,10 @@ DEMOS = "a folder of demonstrations, or synthetic:TASK; default "
 def build_parser() -> argparse.ArgumentParser:
     """The parser of `jaxrmp`; `command` is the name of the module in this package whose `run` does the work."""
     parser = argparse.ArgumentParser(
-        prog="jaxrmp", description="Stable reactive robot motion policies from demonstrations.", epilog=EXIT_CODES
+        prog="jaxrmp",
+        description="Stable reactive motion policies for robots: learn them from demonstrations, evaluate them, run "
+        "them in physics, and watch them, learned or hand-designed, in the browser.",
+        epilog=EXIT_CODES,
     )
     parser.add_argument("--version", action="version", version=f"jaxrmp {__version__}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
@@ -199,7 +202,9 @@ def _add_view(commands) -> None:
     parser.add_argument("--frame", metavar="FRAME", help="without SKILL: the frame that is taken to the goal")
     parser.add_argument("--scene", choices=SCENES, help="furniture around the skill")
     parser.add_argument("--demos", metavar="DIR", help=DEMOS + "those it was learned from")
-    parser.add_argument("--balls", metavar="N", type=int, choices=(0, 1, 2), help="draggable obstacles, default 1")
+    parser.add_argument(
+        "--balls", metavar="N", type=int, choices=(0, 1, 2), help="draggable obstacles, default 1, in a scene 0"
+    )
     _add_page(parser)
 
 
