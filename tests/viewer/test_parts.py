@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from jax.tree_util import Partial
+from jaxrmp.viewer._measured import measured
 
 from jaxrmp import Batched, Identity, batched, certificate, pullback
 from jaxrmp._errors import ConfigurationError, DemonstrationError, MissingDependencyError
@@ -21,7 +22,6 @@ from jaxrmp.leaves import Attractor, Damping, Posture
 from jaxrmp.viewer._inputs import gain_value, gains_of, with_gain
 from jaxrmp.viewer._live import Reading, Situation
 from jaxrmp.viewer._loop import LiveLoop
-from jaxrmp.viewer._measured import measured
 from jaxrmp.viewer._poses import quaternions
 from jaxrmp.viewer._push import Push
 from jaxrmp.viewer._real_time import Rates, RealTime
