@@ -58,6 +58,14 @@ def pytree(cls: type[T]) -> type[T]:
     return cls
 
 
+def as_pytree(function: Any) -> Any:
+    """A function that may stand in a field: itself if it is a pytree, else in a `jax.tree_util.Partial`.
+
+    So it can be an argument of compiled functions, which are compiled anew for another function.
+    """
+    return jax.tree_util.Partial(function) if jax.tree_util.all_leaves([function]) else function
+
+
 def set_field(value: Any, name: str, content: Any) -> None:
     """Assign a field of a frozen value; only for use inside its own `__post_init__`."""
     object.__setattr__(value, name, content)

@@ -21,7 +21,7 @@ from jax.core import Tracer
 from ._errors import RigidTransformError, ShapeError
 from ._forms import DiagonalForm, Form, NaturalForm
 from ._linalg import length
-from ._pytree import pytree, set_field, static
+from ._pytree import as_pytree, pytree, set_field, static
 from ._ranges import require
 
 
@@ -343,6 +343,9 @@ class Pointwise(TaskMap):
 
     task_map: Callable
 
+    def __post_init__(self):
+        set_field(self, "task_map", as_pytree(self.task_map))
+
     def __call__(self, x):
         return jax.vmap(self.task_map)(x)
 
@@ -358,7 +361,7 @@ def compose(*maps: Callable) -> TaskMap:
     """
     if not maps:
         return Identity()
-    return maps[0] if len(maps) == 1 and isinstance(maps[0], TaskMap) else Composition(tuple(maps))
+    return maps[0] if len(maps) == 1 and isinstance(maps[0], TaskMap) else Composition(tuple(map(as_pytree, maps)))
 
 
 def stack(*maps: Callable) -> Stack:
@@ -367,7 +370,7 @@ def stack(*maps: Callable) -> Stack:
     >>> stack(Selection((0,)), Distance(jnp.zeros(2)))(jnp.array([3.0, 4.0])).tolist()
     [3.0, 5.0]
     """
-    return Stack(tuple(maps))
+    return Stack(tuple(map(as_pytree, maps)))
 
 
 def check_rigid(T, name: str = "pose", tolerance: float = 1e-4) -> np.ndarray:

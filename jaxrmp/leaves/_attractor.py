@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 
 from .._gds import GeometricDynamicalSystem
+from .._linalg import length
 from .._pytree import pytree, static
 from .._ranges import require
 from ._gaussian_well import gaussian_weight, gaussian_well
@@ -44,6 +45,9 @@ class Attractor(GeometricDynamicalSystem):
         require(
             self, positive=("width", "sharpness"), non_negative=("weight_near", "weight_far", "gain", "damping_rate")
         )
+
+    def gap(self, x):
+        return length(x - jnp.asarray(self.goal, x.dtype))
 
     def metric(self, x, xd):
         z = x - jnp.asarray(self.goal, x.dtype)

@@ -87,6 +87,9 @@ class JointLimit(SeparableGDS):
                 "pullback(Selection(...), JointLimit(...))."
             )
 
+    def gap(self, x):
+        return jnp.minimum(*self._distances(x)).min().astype(x.dtype)
+
     def metric(self, x, xd):
         s = jnp.clip((x - self.lower) / (self.upper - self.lower), 0, 1)
         d = jnp.maximum(4 * s * (1 - s), _LEAST)

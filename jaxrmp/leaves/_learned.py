@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from .._forms import NaturalForm
 from .._gds import GeometricDynamicalSystem
 from .._linalg import solve_lower, solve_lower_transposed
-from .._pytree import pytree, static
+from .._pytree import as_pytree, pytree, set_field, static
 from .._ranges import require
 
 
@@ -41,6 +41,8 @@ class Learned(GeometricDynamicalSystem):
 
     def __post_init__(self):
         require(self, non_negative=("speed", "damping_rate"))
+        for name in ("potential_of", "cholesky_of"):
+            set_field(self, name, as_pytree(getattr(self, name)))
 
     def __call__(self, x, xd):
         # G = L L^T does not depend on velocity: its curvature terms take one pass along xd and one pass back.

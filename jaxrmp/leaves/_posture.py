@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 
 from .._gds import SeparableGDS
+from .._linalg import length
 from .._pytree import pytree, static
 from .._ranges import require
 
@@ -34,6 +35,9 @@ class Posture(SeparableGDS):
 
     def __post_init__(self):
         require(self, non_negative=("weight", "stiffness", "damping_rate"))
+
+    def gap(self, x):
+        return length(x - jnp.asarray(self.rest, x.dtype))
 
     def metric(self, x, xd):
         return jnp.broadcast_to(jnp.asarray(self.weight, x.dtype), x.shape)

@@ -13,7 +13,6 @@ from .._tree import Batched, Node, pullback
 from ..inspection import Inspection, inspect
 from ..kinematics import ControlPoints, frame_poses
 from ..world import World
-from ._measured import measured
 from ._push import Push
 from ._switched import switched
 
@@ -78,7 +77,7 @@ def advance(situation: Situation, motion: Motion, steps: jax.Array, frames: tupl
 
     def step(i, carried):
         motion, energy, dissipated = carried
-        found = measured(tree, motion.q, motion.qd)
+        found = tree.measure(motion.q, motion.qd)
         energy = jnp.stack([jnp.where(i == 0, found.energy, energy[0]), found.energy])
         dissipated = jnp.stack([dissipated[1], dissipated[1] + STEP * found.dissipation])
         qd = motion.qd + STEP * resolve(found.form.dense())

@@ -21,7 +21,6 @@ from jaxrmp.leaves import Attractor, Damping, Posture
 from jaxrmp.viewer._inputs import gain_value, gains_of, with_gain
 from jaxrmp.viewer._live import Reading, Situation
 from jaxrmp.viewer._loop import LiveLoop
-from jaxrmp.viewer._measured import measured
 from jaxrmp.viewer._poses import quaternions
 from jaxrmp.viewer._push import Push
 from jaxrmp.viewer._real_time import Rates, RealTime
@@ -63,14 +62,6 @@ def test_switched_leaves_add_up_to_the_tree_and_keep_its_certificate():
         found = jax.jit(certificate)(part, Q, QD)
         assert found.residual < 1e-6 and found.voided_by == ()
         np.testing.assert_allclose(after.gap, rows.gap)
-
-
-def test_one_walk_measures_what_the_tree_says_of_itself():
-    found = jax.jit(lambda node: measured(node, Q, QD))(tree())
-    form, energy, dissipation = jax.jit(lambda n: (n(Q, QD), n.energy(Q, QD), n.dissipation(Q, QD)))(tree())
-    np.testing.assert_allclose(found.form.dense().f, form.f, rtol=1e-6)
-    np.testing.assert_allclose(found.form.dense().M, form.M, rtol=1e-6)
-    np.testing.assert_allclose([found.energy, found.dissipation], [energy, dissipation], rtol=1e-6)
 
 
 def test_a_push_is_a_spring_whose_energy_counts():

@@ -41,6 +41,9 @@ class CSpaceTarget(SeparableLeaf):
             non_negative=("metric_scalar", "position_gain", "damping_gain"),
         )
 
+    def gap(self, x):
+        return length(x - jnp.asarray(self.target, x.dtype))
+
     def evaluate(self, x, xd):
         offset = jnp.asarray(self.target, x.dtype) - x
         offset = offset / jnp.maximum(1.0, length(offset) / self.robust_position_term_thresh)

@@ -70,6 +70,9 @@ class JointLimit(SeparableLeaf):
                     f"{lower[bad].tolist()} and upper {upper[bad].tolist()}."
                 )
 
+    def gap(self, x):
+        return jnp.minimum(x - jnp.asarray(self.lower, x.dtype), jnp.asarray(self.upper, x.dtype) - x).min()
+
     def evaluate(self, x, xd):
         lower, upper = jnp.asarray(self.lower, x.dtype), jnp.asarray(self.upper, x.dtype)
         is_limited = jnp.isfinite(lower) & jnp.isfinite(upper)

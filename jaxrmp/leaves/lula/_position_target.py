@@ -59,6 +59,9 @@ class PositionTarget(Leaf):
             ),
         )
 
+    def gap(self, x):
+        return length(x - jnp.asarray(self.target, x.dtype))
+
     def __call__(self, x, xd):
         delta = jnp.asarray(self.target, x.dtype) - x
         square = delta @ delta
