@@ -15,14 +15,12 @@ from jaxrmp._errors import ConfigurationError, DemonstrationError, MissingDepend
 from jaxrmp.cli import main
 from jaxrmp.inspection import inspect
 from jaxrmp.kinematics import panda
-from jaxrmp.kinematics._quaternions import rotation_of_quaternion
 from jaxrmp.learning import load_demonstrations
 from jaxrmp.leaves import Attractor, Damping, Posture
 from jaxrmp.viewer._inputs import gain_value, gains_of, with_gain
 from jaxrmp.viewer._live import Reading, Situation
 from jaxrmp.viewer._loop import LiveLoop
 from jaxrmp.viewer._measured import measured
-from jaxrmp.viewer._poses import quaternions
 from jaxrmp.viewer._push import Push
 from jaxrmp.viewer._real_time import Rates, RealTime
 from jaxrmp.viewer._recorder import TARGET, Recorder
@@ -117,14 +115,6 @@ def test_the_watch_tells_a_rise_from_a_change_from_outside():
     seen = watch.see(reading(1.9, 1.95, 0.0, 0.0), changed=False)
     assert seen.violations == 1
     assert watch.see(reading(np.nan, np.nan, 0, 0), changed=False) == seen
-
-
-def test_quaternions_turn_back_into_the_rotations():
-    q = np.random.default_rng(0).normal(size=(200, 4))
-    q[:4] = np.eye(4)
-    R = rotation_of_quaternion(q)
-    np.testing.assert_allclose(rotation_of_quaternion(quaternions(R)), R, atol=1e-12)
-    np.testing.assert_allclose(np.linalg.norm(quaternions(R), axis=-1), 1)
 
 
 def sample(recorder, count=60, dt=0.02):
