@@ -19,7 +19,6 @@ OPTIONAL = [
     "matplotlib",
     "torch",
     "scipy",
-    "dtaidistance",
     "viser",
     "trimesh",
     "playwright",
