@@ -5,8 +5,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from .. import _page
-from .._page import heading, numbers, paragraph, percent, table
+from ..reports import _page
+from ..reports._page import heading, numbers, paragraph, percent, table
 from ._report import KINDS
 
 

@@ -47,7 +47,8 @@ LAYERS = {
     "simulation": {"inspection", "kinematics", "leaves", "scenes", "world"},
     "learning": {"leaves", "kinematics", "simulation"},
     "synthetic": {"kinematics", "learning"},
-    "evaluation": {"leaves", "kinematics", "learning", "scenes", "simulation", "world"},
+    "reports": set(),
+    "evaluation": {"leaves", "kinematics", "learning", "reports", "scenes", "simulation", "world"},
     "visualization": {"evaluation", "inspection", "leaves", "kinematics", "learning", "scenes", "simulation"},
     "viewer": {"inspection", "kinematics", "leaves", "learning", "scenes", "simulation", "world"},
     "cli": {
@@ -55,6 +56,7 @@ LAYERS = {
         "leaves",
         "kinematics",
         "learning",
+        "reports",
         "scenes",
         "simulation",
         "synthetic",
