@@ -105,7 +105,7 @@ def reading(start, end, before_last, with_last):
 
 def test_the_watch_tells_a_rise_from_a_change_from_outside():
     watch = EnergyWatch()
-    assert watch.see(reading(np.nan, np.nan, 0, 0), changed=True).violations == 0
+    assert watch.see(reading(np.nan, np.nan, 0, 0), changed=True, stepped=False).violations == 0
     seen = watch.see(reading(1.0, 0.9, 0.1, 0.11), changed=True)
     assert seen == pytest.approx((0.9, 0.9, 0))
     seen = watch.see(reading(0.89, 0.8, 0.09, 0.1), changed=False)
@@ -114,7 +114,12 @@ def test_the_watch_tells_a_rise_from_a_change_from_outside():
     assert seen == pytest.approx((1.9, 1.9, 0))
     seen = watch.see(reading(1.9, 1.95, 0.0, 0.0), changed=False)
     assert seen.violations == 1
-    assert watch.see(reading(np.nan, np.nan, 0, 0), changed=False) == seen
+    assert watch.see(reading(np.nan, np.nan, 0, 0), changed=False, stepped=False) == seen
+    for start, end in ((1.9, np.nan), (np.nan, 1.9), (np.nan, np.nan)):
+        seen = watch.see(reading(start, end, 0.0, 0.0), changed=False)
+    assert seen.violations == 4 and np.isnan(seen.energy)
+    seen = watch.see(reading(1.0, 0.9, 0.1, 0.1), changed=False)
+    assert seen == pytest.approx((0.9, 0.9, 4))
 
 
 def sample(recorder, count=60, dt=0.02):
