@@ -5,8 +5,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from .. import _page
-from .._page import heading, numbers, paragraph, percent, table
+from ..reports import _page
+from ..reports._page import heading, numbers, paragraph, percent, table
 from ._report import KINDS
 
 
@@ -103,7 +103,8 @@ def _stability(found: Mapping[str, Any]) -> str:
             paragraph(
                 f"Leaves without a certificate: {uncertified}. Along all rollouts, dV/dt differs from minus the "
                 f"dissipation by at most {certificate['max_residual']:.1e} (1 + |V|) per second, and is at most "
-                f"{certificate['max_growth_rate']:.1e} (1 + |V|) per second."
+                f"{certificate['max_growth_rate']:.1e} (1 + |V|) per second; not a number from "
+                f"{certificate['starts_not_a_number']} starts."
             ),
             table(
                 [

@@ -29,6 +29,7 @@ KINDS = {
 def report(evaluation: Evaluation, skill: Skill, problem: Problem, *, stationary: bool = True) -> dict[str, Any]:
     """All numbers of an evaluation: shares of starts, largest values, rest points, regions, failing starts, stability.
 
+    The certificate's largest values are NaN if one of them was, from `starts_not_a_number` starts.
     `max_energy_increase` is the largest rise of V above its least value before, relative to V's range on that rollout.
     **Arguments**: `evaluation`, by `evaluate`, of `problem`, the `skill`'s; `stationary`, whether to look for the
     potentials' stationary points, which takes some seconds.
@@ -77,12 +78,17 @@ def stability(evaluation: Evaluation, skill: Skill, problem: Problem, *, station
             subtask["stationary_points"] = stationary_points(potential, low, high)
     return {
         "subtasks": subtasks,
-        "certificate": {
-            "uncertified_leaves": list(evaluation.uncertified),
-            "max_residual": float(evaluation.residual.max()),
-            "max_growth_rate": float(evaluation.growth.max()),
-            "max_energy_increase": float(evaluation.energy_increase.max()),
-        },
+        "certificate": _certificate(evaluation),
+    }
+
+
+def _certificate(evaluation: Evaluation) -> dict[str, Any]:
+    return {
+        "uncertified_leaves": list(evaluation.uncertified),
+        "max_residual": float(evaluation.residual.max()),
+        "max_growth_rate": float(evaluation.growth.max()),
+        "starts_not_a_number": int(np.isnan(evaluation.residual + evaluation.growth).sum()),
+        "max_energy_increase": float(evaluation.energy_increase.max()),
     }
 
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from .._rotations import pose
 from ..kinematics import Robot
 from ..kinematics._mujoco import import_mujoco
 from ..learning import Skill
@@ -39,8 +40,7 @@ def scene_world(scene: Scene) -> World:
     mujoco.mj_kinematics(m, data)
     boxes, capsules, half_spaces = [], [], []
     for g in scene.forbidden:
-        T = np.eye(4)
-        T[:3, :3], T[:3, 3] = data.geom_xmat[g].reshape(3, 3), data.geom_xpos[g]
+        T = pose(data.geom_xpos[g], data.geom_xmat[g].reshape(3, 3))
         size, up, kind = m.geom_size[g], T[:3, 2], m.geom_type[g]
         if kind == mujoco.mjtGeom.mjGEOM_BOX:
             boxes.append((T, size))

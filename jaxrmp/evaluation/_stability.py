@@ -89,7 +89,7 @@ class CertificateWatch:
     """Evaluates the certificate of the tree along rollouts, once a chunk, and keeps the worst of each start.
 
     `residual` [N], the largest `|dV/dt + dissipation| / (1 + |V|)`, per second, zero but for rounding where every leaf
-    is certified; `growth` [N], the largest `dV/dt / (1 + |V|)`, at most rounding.
+    is certified; `growth` [N], the largest `dV/dt / (1 + |V|)`, at most rounding. Both are NaN from where one was.
     """
 
     def __init__(self, problem: Problem, starts: int):
@@ -103,7 +103,7 @@ class CertificateWatch:
         residual, growth = (np.asarray(a) for a in _certificates(self.problem, state.q, state.qd))
         held = places >= 0
         for worst, now in ((self.residual, residual), (self.growth, growth)):
-            worst[places[held]] = np.fmax(worst[places[held]], now[held])
+            worst[places[held]] = np.maximum(worst[places[held]], now[held])
 
 
 @jax.jit

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from .._errors import RobotError
+from .._rotations import rotation_of_quaternion
 from ._couplings import resolve_couplings
 from ._mujoco import import_mujoco
-from ._quaternions import rotation_of_quaternion
 from ._robot import Body, Frame, Joint, KinematicModel, Robot
 
 _NOT_KINEMATIC = (

@@ -8,6 +8,7 @@ import numpy as np
 
 from .._errors import ConfigurationError, RobotError, ShapeError
 from .._pytree import pytree, static
+from .._rotations import nearest_rotation, pose
 from .._task_map import RigidTransform, Selection, TaskMap, Translation, check_rigid, compose
 from .._tree import Batched, Node, pullback
 from ..kinematics import ControlPoints, Robot
@@ -130,7 +131,7 @@ def rigid_targets(offsets: np.ndarray, frames: tuple[str, ...], ends: np.ndarray
     for frame in set(frames):
         rows = [k for k, name in enumerate(frames) if name == frame]
         a, b = offsets[rows], mean[rows]
-        R = _nearest_rotation((b - b.mean(0)).T @ (a - a.mean(0)))
+        R = nearest_rotation((b - b.mean(0)).T @ (a - a.mean(0)))
         targets[rows] = (a - a.mean(0)) @ R.T + b.mean(0)
     return targets
 
@@ -138,13 +139,4 @@ def rigid_targets(offsets: np.ndarray, frames: tuple[str, ...], ends: np.ndarray
 def mean_pose(poses: np.ndarray) -> np.ndarray:
     """Mean of rigid transforms [N, 4, 4]: mean position, and the rotation nearest to the mean rotation matrix."""
     poses = check_rigid(poses)
-    T = np.eye(4)
-    T[:3, :3] = _nearest_rotation(poses[:, :3, :3].mean(0))
-    T[:3, 3] = poses[:, :3, 3].mean(0)
-    return T
-
-
-def _nearest_rotation(A: np.ndarray) -> np.ndarray:
-    """The rotation matrix nearest to A [3, 3] in least squares."""
-    U, _, Vt = np.linalg.svd(A)
-    return U @ np.diag([1.0, 1.0, np.sign(np.linalg.det(U @ Vt))]) @ Vt
+    return pose(poses[:, :3, 3].mean(0), nearest_rotation(poses[:, :3, :3].mean(0)))

@@ -1,4 +1,4 @@
-"""Skills on disk: one NPZ file, no pickle, versioned, refused if anything in it is not understood."""
+"""Skills on disk: one NPZ file, no pickle, of a version, refused if anything in it is not understood."""
 
 import json
 import os
@@ -19,9 +19,10 @@ from ..leaves import Damping, JointLimit, Learned, NominalPotential
 from ._configuration_file import configuration_from_dict, configuration_to_dict
 from ._metric_network import CholeskyFactor, initial_cholesky_factor
 from ._skill import Skill
+from ._skill_versions import VERSION, SkillContent, up_to_date
 from ._support import Support
 
-FORMAT, VERSION = "jaxrmp skill", 3
+FORMAT = "jaxrmp skill"
 _HEADER = "header.json"
 _DAMPING = ("weight", "damping_rate")
 _LIMIT = ("lower", "upper", "rest", "weight", "sigma", "stiffness", "damping_rate", "barrier", "reach", "frequency")
@@ -72,10 +73,10 @@ def save_skill(skill: Skill, path: str | os.PathLike) -> Path:
 
 
 def load_skill(path: str | os.PathLike) -> Skill:
-    """Read the skill at `path` back, bit for bit.
+    """Read the skill at `path` back, bit for bit; one of an earlier version as `up_to_date` brings it to this one.
 
-    **Raises** `SkillFileError` if the file is missing, truncated or damaged, no skill, of another version, or holds
-    anything that this version does not know.
+    **Raises** `SkillFileError` if the file is missing, truncated or damaged, no skill, of a newer version, or holds
+    anything that its version does not know.
     """
     path = Path(path)
     try:
@@ -91,16 +92,14 @@ def load_skill(path: str | os.PathLike) -> Skill:
         kind = header["format"]
     except (KeyError, TypeError, ValueError) as error:
         raise SkillFileError(f"{str(path)!r} is an NPZ file but no skill: it has no readable header.") from error
-    if kind != FORMAT or header.get("version") != VERSION:
-        raise SkillFileError(
-            f"{str(path)!r} is {kind!r} version {header.get('version')!r}; this jaxrmp ({__version__}) reads "
-            f"{FORMAT!r} version {VERSION}. It was written by jaxrmp {header.get('jaxrmp', 'unknown')}: use that, or "
-            "learn the skill again."
-        )
+    if kind != FORMAT:
+        raise SkillFileError(f"{str(path)!r} is an NPZ file but no skill: it is {kind!r}.")
     try:
-        return _skill_from(header, content)
+        found = {name: [str(a.dtype), list(a.shape)] for name, a in content.items()}
+        _same("arrays (by name, type and shape)", found.items(), header["arrays"].items())
+        return _skill_from(*up_to_date(SkillContent(header, content)))
     except (KeyError, TypeError, ValueError, AttributeError, IndexError, JaxrmpError) as error:
-        raise SkillFileError(f"skill file {str(path)!r} does not hold what its version should: {error}") from error
+        raise SkillFileError(f"skill file {str(path)!r} cannot be read: {error}") from error
 
 
 def _skill_from(header: dict[str, Any], arrays: dict[str, np.ndarray]) -> Skill:
@@ -108,8 +107,6 @@ def _skill_from(header: dict[str, Any], arrays: dict[str, np.ndarray]) -> Skill:
     _same("header entries", header, known | {"network", "configuration", "arrays"})
     _same("network entries", header["network"], {"dimension", "hidden", "activation", "offset", "supported"})
     configuration = configuration_from_dict(header["configuration"])
-    found = {name: [str(a.dtype), list(a.shape)] for name, a in arrays.items()}
-    _same("arrays (by name, type and shape)", found.items(), header["arrays"].items())
     left = {name: jnp.asarray(a) for name, a in arrays.items()}
     for name, a in arrays.items():
         if left[name].dtype != a.dtype:

@@ -10,6 +10,7 @@ from .._gds import GeometricDynamicalSystem
 from .._linalg import length
 from .._pytree import pytree, set_field, static
 from .._ranges import require
+from .._rotations import pose
 from .._task_map import check_rigid
 
 
@@ -54,9 +55,7 @@ class OrientationAttractor(GeometricDynamicalSystem):
             R = np.asarray(self.R_world_goal)
             if R.shape != (3, 3):
                 raise ShapeError(f"R_world_goal has shape {R.shape}, expected (3, 3).")
-            T = np.eye(4)
-            T[:3, :3] = R
-            check_rigid(T, "R_world_goal")
+            check_rigid(pose(np.zeros(3), R), "R_world_goal")
         set_field(self, "R_world_goal", jnp.asarray(self.R_world_goal))
         require(self, positive=("rounding",), non_negative=("weight", "stiffness", "damping_rate"))
 

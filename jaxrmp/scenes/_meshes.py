@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from .._errors import RobotError
+from .._rotations import pose, quaternion_of_rotation, rotation_of_quaternion
 from ..kinematics._mujoco import import_mujoco
-from ..kinematics._quaternions import rotation_of_quaternion
-from ._parts import FINGER_WIDTH, quaternion
+from ._parts import FINGER_WIDTH
 
 _BODIES = {f"panda_link{i}": f"link{i}" for i in range(8)} | {
     "panda_hand": "hand",
@@ -69,14 +69,14 @@ def add_meshes(spec: Any, source: str | os.PathLike) -> None:
             mesh = meshes[geom.meshname]
             if spec.mesh(f"mesh_{geom.meshname}") is None:
                 spec.add_mesh(name=f"mesh_{geom.meshname}", file=str((folder / mesh.file).resolve()), scale=mesh.scale)
-            T = T_own_theirs @ _pose(geom.pos, geom.quat)
+            T = T_own_theirs @ pose(geom.pos, rotation_of_quaternion(geom.quat))
             body.add_geom(
                 type=mujoco.mjtGeom.mjGEOM_MESH,
                 meshname=f"mesh_{geom.meshname}",
                 material=f"mesh_{geom.material}" if geom.material else "",
                 rgba=geom.rgba,
                 pos=T[:3, 3],
-                quat=quaternion(T[:3, :3]),
+                quat=quaternion_of_rotation(T[:3, :3]),
                 mass=0.0,
                 contype=0,
                 conaffinity=0,
@@ -93,10 +93,5 @@ def _body_poses(model: Any, finger: float) -> dict[str, np.ndarray]:
         if "finger" in model.joint(j).name:
             data.qpos[model.jnt_qposadr[j]] = finger
     mujoco.mj_kinematics(model, data)
-    return {model.body(b).name: _pose(data.xpos[b], data.xquat[b]) for b in range(model.nbody)}
-
-
-def _pose(position: np.ndarray, wxyz: np.ndarray) -> np.ndarray:
-    T = np.eye(4)
-    T[:3, :3], T[:3, 3] = rotation_of_quaternion(wxyz), position
-    return T
+    poses = pose(data.xpos, rotation_of_quaternion(data.xquat))
+    return {model.body(b).name: T for b, T in enumerate(poses)}

@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 
+from .._rotations import quaternion_of_rotation
 from ..kinematics import PANDA_MODEL
 from ..kinematics._mujoco import import_mujoco
 
@@ -63,13 +64,13 @@ def arm_spec() -> Any:
 def add_object(spec: Any, T_world_object: np.ndarray) -> Any:
     """The body whose frame is the object's; it moves where it is put and carries all of the furniture."""
     return spec.worldbody.add_body(
-        name="object", mocap=True, pos=T_world_object[:3, 3], quat=quaternion(T_world_object[:3, :3])
+        name="object", mocap=True, pos=T_world_object[:3, 3], quat=quaternion_of_rotation(T_world_object[:3, :3])
     )
 
 
 def add_body(parent: Any, name: str, position: Any, axes: np.ndarray | None = None) -> Any:
     """A body at `position` in its parent, m, whose axes there are the columns of `axes`."""
-    return parent.add_body(name=name, pos=position, quat=quaternion(np.eye(3) if axes is None else axes))
+    return parent.add_body(name=name, pos=position, quat=quaternion_of_rotation(np.eye(3) if axes is None else axes))
 
 
 def add_box(body: Any, name: str, center: Any, half: Any, rgba: Any, mass: float = 0.0, touches: bool = True) -> None:
@@ -94,15 +95,7 @@ def add_camera(spec: Any, position: Any, target: Any, degrees: float = 45.0) -> 
     right = np.cross([0.0, 0.0, 1.0], back)
     right /= np.linalg.norm(right)
     axes = np.stack([right, np.cross(back, right), back], axis=1)
-    spec.worldbody.add_camera(name="view", pos=position, quat=quaternion(axes), fovy=degrees)
-
-
-def quaternion(R: np.ndarray) -> np.ndarray:
-    """The unit quaternion (w, x, y, z) of a rotation matrix."""
-    mujoco = import_mujoco()
-    quat = np.zeros(4)
-    mujoco.mju_mat2Quat(quat, np.ascontiguousarray(R, float).ravel())
-    return quat
+    spec.worldbody.add_camera(name="view", pos=position, quat=quaternion_of_rotation(axes), fovy=degrees)
 
 
 def upright(forward: Any) -> np.ndarray:

@@ -7,15 +7,15 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .._errors import ConfigurationError, UnknownNameError
+from .._rotations import pose, quaternion_of_rotation, rotation_of_quaternion, rotation_of_vector
 from .._task_map import check_rigid
 from ..kinematics import Robot, panda
 from ..kinematics._mujoco import import_mujoco
-from ..kinematics._quaternions import rotation_of_quaternion
 from ..world import Capsules, World
 from ._door import DOOR_JOINT, add_door
 from ._drawer import DRAWER_JOINT, OPENING, add_drawer
 from ._meshes import add_meshes, panda_meshes
-from ._parts import add_camera, add_object, arm_spec, quaternion
+from ._parts import add_camera, add_object, arm_spec
 
 SCENES = ("drawer", "drawer_obstacle", "door")
 """Names of the scenes."""
@@ -96,13 +96,11 @@ class Scene:
 
     def move_object(self, data: Any, T_world_object: np.ndarray) -> None:
         """As `place`, but the cylinder stays where it is, and the pose is not checked."""
-        data.mocap_pos[0], data.mocap_quat[0] = T_world_object[:3, 3], quaternion(T_world_object[:3, :3])
+        data.mocap_pos[0], data.mocap_quat[0] = T_world_object[:3, 3], quaternion_of_rotation(T_world_object[:3, :3])
 
     def object_pose(self, data: Any) -> np.ndarray:
         """`T_world_object` [4, 4], the frame that skills speak of."""
-        T = np.eye(4)
-        T[:3, :3], T[:3, 3] = rotation_of_quaternion(data.mocap_quat[0]), data.mocap_pos[0]
-        return T
+        return pose(data.mocap_pos[0], rotation_of_quaternion(data.mocap_quat[0]))
 
     def joint_position(self, data: Any) -> float:
         """Where the furniture's joint is: how far the drawer stands open, m; the door's angle, rad."""
@@ -233,12 +231,7 @@ def _spec(name: str, T: np.ndarray, cylinder: Cylinder | None) -> tuple[Any, lis
 
 
 def _default_pose(door: bool) -> np.ndarray:
-    T = np.eye(4)
-    T[:3, 3] = _DOOR_POSE if door else _DRAWER_POSE
-    if door:
-        c, s = np.cos(_DOOR_YAW), np.sin(_DOOR_YAW)
-        T[:2, :2] = [[c, -s], [s, c]]
-    return T
+    return pose(_DOOR_POSE, rotation_of_vector([0.0, 0.0, _DOOR_YAW])) if door else pose(_DRAWER_POSE, np.eye(3))
 
 
 def _add_cylinder(spec: Any, cylinder: Cylinder) -> None:

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .._errors import ConfigurationError
+from .._rotations import rotation_of_vector
 
 
 @dataclass(frozen=True)
@@ -129,14 +130,6 @@ def _constant(settings: TrackerSettings, seed: tuple[int, ...]) -> np.ndarray:
 def _noisy(settings: TrackerSettings, T: np.ndarray, drift: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     error = drift + rng.normal(size=6) * _scales(settings.jitter)
     seen = np.array(T, float)
-    seen[:3, :3] = seen[:3, :3] @ rotation(error[3:])
+    seen[:3, :3] = seen[:3, :3] @ rotation_of_vector(error[3:])
     seen[:3, 3] += error[:3]
     return seen
-
-
-def rotation(turn: np.ndarray) -> np.ndarray:
-    """The rotation matrix of a rotation vector [3], rad (Rodrigues)."""
-    angle = np.linalg.norm(turn)
-    x, y, z = turn / max(angle, 1e-12)
-    K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * K @ K

@@ -4,10 +4,10 @@ from typing import Any
 
 import numpy as np
 
+from .._rotations import quaternion_of_rotation
 from ..kinematics import PANDA_MODEL, Robot, panda
 from ..world import RobotSpheres
 from ..world._robot_spheres import geometry_of_model
-from ._poses import quaternions
 from ._shapes import seen, shapes_of
 
 _SPHERES = (230, 120, 30)
@@ -48,7 +48,9 @@ class ArmView:
 
     def move(self, poses: np.ndarray) -> None:
         """Put the links at `poses` [F, 4, 4] of `frames`."""
-        for name, position, wxyz in zip(self.frames, poses[:, :3, 3], quaternions(poses[:, :3, :3]), strict=True):
+        for name, position, wxyz in zip(
+            self.frames, poses[:, :3, 3], quaternion_of_rotation(poses[:, :3, :3]), strict=True
+        ):
             self._nodes[name].position, self._nodes[name].wxyz = position, wxyz
 
     def show_spheres(self, visible: bool) -> None:

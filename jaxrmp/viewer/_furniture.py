@@ -4,10 +4,10 @@ from typing import Any
 
 import numpy as np
 
+from .._rotations import quaternion_of_rotation, rotation_of_quaternion
 from ..kinematics._mujoco import import_mujoco
-from ..kinematics._quaternions import rotation_of_quaternion
 from ..scenes import Scene
-from ._poses import place, quaternions
+from ._poses import place
 from ._shapes import shapes_of
 
 _OBJECT = 0  # of the bodies that are placed and not simulated, the first is the object
@@ -50,7 +50,7 @@ class FurnitureView:
         """Least distance of the arm's geometry at `q` [n] to what it must not touch, m; at most 1."""
         mujoco, scene, data = import_mujoco(), self._scene, self._data
         data.mocap_pos[_OBJECT] = T_world_object[:3, 3]
-        data.mocap_quat[_OBJECT] = quaternions(T_world_object[:3, :3])
+        data.mocap_quat[_OBJECT] = quaternion_of_rotation(T_world_object[:3, :3])
         data.qpos[scene.arm_qpos] = q
         mujoco.mj_kinematics(scene.model, data)
         return scene.clearance(data)

@@ -308,7 +308,11 @@ class Session:
             self.plots.add(frame.time, energies, np.array(list(shares.values())), near)
         void = [name for name, sure in zip(found.names, found.certified, strict=True) if not sure]
         state = "certified: V may only fall" if not void else f"not certified: {', '.join(dict.fromkeys(void))}"
-        rises = f"V rose in {watched.violations} frames" if watched.violations else "V has not risen by itself"
+        rises = (
+            f"V rose, or was not a number, in {watched.violations} frames"
+            if watched.violations
+            else "V has not risen by itself"
+        )
         self.plots.certificate.content = f"{state} · {rises}"
 
 

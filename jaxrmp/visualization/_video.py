@@ -1,5 +1,6 @@
 """Videos and snapshots of trials, by MuJoCo's offscreen renderer."""
 
+import contextlib
 import ctypes.util
 import os
 import subprocess
@@ -58,24 +59,20 @@ def save_video(run: Run, path: str | os.PathLike, trials: int = 3) -> Path:
         from imageio_ffmpeg import get_ffmpeg_exe
     except ImportError as error:
         raise MissingDependencyError("imageio-ffmpeg", "simulation") from error
-    frames = []
     run = _pictured(run)
-    with _renderer(run.scene.model) as renderer:
-        for k in range(min(trials, len(run.trials))):
-            frames += [_frame(renderer, run, k, t) for t in range(0, len(run.traces[k].time), 2)]
     height, width = _SIZE
     command = [get_ffmpeg_exe(), "-y", "-loglevel", "error", "-f", "rawvideo", "-pix_fmt", "rgb24"]
     command += ["-s", f"{width}x{height}", "-r", str(_PER_SECOND), "-i", "-", *_ENCODING[path.suffix]]
-    with atomic_write(path) as file, tempfile.TemporaryDirectory() as folder:
-        encoded = Path(folder) / path.name
-        done = subprocess.run(
-            [*command, str(encoded)],
-            input=b"".join(frame.tobytes() for frame in frames),
-            capture_output=True,
-            check=False,
-        )
-        if done.returncode:
-            raise ConfigurationError(f"ffmpeg could not write {str(path)!r}: {done.stderr.decode().strip()}")
+    with atomic_write(path) as file, tempfile.TemporaryDirectory() as folder, _renderer(run.scene.model) as renderer:
+        encoded, said = Path(folder) / path.name, Path(folder) / "said"
+        with said.open("wb") as errors:
+            encoder = subprocess.Popen([*command, str(encoded)], stdin=subprocess.PIPE, stderr=errors)
+            with contextlib.suppress(BrokenPipeError), encoder:  # where it ends early, it says why
+                for k in range(min(trials, len(run.trials))):
+                    for t in range(0, len(run.traces[k].time), 2):
+                        encoder.stdin.write(_frame(renderer, run, k, t).tobytes())  # type: ignore[union-attr]
+        if encoder.returncode:
+            raise ConfigurationError(f"ffmpeg could not write {str(path)!r}: {said.read_text().strip()}")
         file.write(encoded.read_bytes())
     return path
 

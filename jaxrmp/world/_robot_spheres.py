@@ -12,9 +12,9 @@ import numpy as np
 from .._errors import ConfigurationError, RobotError, UnknownNameError
 from .._pytree import pytree, set_field, static
 from .._ranges import require, require_number
+from .._rotations import rotation_of_quaternion
 from ..kinematics import PANDA_MODEL, ControlPoints, Robot
 from ..kinematics._mujoco import import_mujoco
-from ..kinematics._quaternions import rotation_of_quaternion
 from ._cover import cover_box, cover_capsule, cover_convex_hull, cover_cylinder, cover_ellipsoid
 
 

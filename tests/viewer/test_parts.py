@@ -15,13 +15,11 @@ from jaxrmp._errors import ConfigurationError, DemonstrationError, MissingDepend
 from jaxrmp.cli import main
 from jaxrmp.inspection import inspect
 from jaxrmp.kinematics import panda
-from jaxrmp.kinematics._quaternions import rotation_of_quaternion
 from jaxrmp.learning import load_demonstrations
 from jaxrmp.leaves import Attractor, Damping, Posture
 from jaxrmp.viewer._inputs import gain_value, gains_of, with_gain
 from jaxrmp.viewer._live import Reading, Situation
 from jaxrmp.viewer._loop import LiveLoop
-from jaxrmp.viewer._poses import quaternions
 from jaxrmp.viewer._push import Push
 from jaxrmp.viewer._real_time import Rates, RealTime
 from jaxrmp.viewer._recorder import TARGET, Recorder
@@ -98,7 +96,7 @@ def reading(start, end, before_last, with_last):
 
 def test_the_watch_tells_a_rise_from_a_change_from_outside():
     watch = EnergyWatch()
-    assert watch.see(reading(np.nan, np.nan, 0, 0), changed=True).violations == 0
+    assert watch.see(reading(np.nan, np.nan, 0, 0), changed=True, stepped=False).violations == 0
     seen = watch.see(reading(1.0, 0.9, 0.1, 0.11), changed=True)
     assert seen == pytest.approx((0.9, 0.9, 0))
     seen = watch.see(reading(0.89, 0.8, 0.09, 0.1), changed=False)
@@ -107,15 +105,12 @@ def test_the_watch_tells_a_rise_from_a_change_from_outside():
     assert seen == pytest.approx((1.9, 1.9, 0))
     seen = watch.see(reading(1.9, 1.95, 0.0, 0.0), changed=False)
     assert seen.violations == 1
-    assert watch.see(reading(np.nan, np.nan, 0, 0), changed=False) == seen
-
-
-def test_quaternions_turn_back_into_the_rotations():
-    q = np.random.default_rng(0).normal(size=(200, 4))
-    q[:4] = np.eye(4)
-    R = rotation_of_quaternion(q)
-    np.testing.assert_allclose(rotation_of_quaternion(quaternions(R)), R, atol=1e-12)
-    np.testing.assert_allclose(np.linalg.norm(quaternions(R), axis=-1), 1)
+    assert watch.see(reading(np.nan, np.nan, 0, 0), changed=False, stepped=False) == seen
+    for start, end in ((1.9, np.nan), (np.nan, 1.9), (np.nan, np.nan)):
+        seen = watch.see(reading(start, end, 0.0, 0.0), changed=False)
+    assert seen.violations == 4 and np.isnan(seen.energy)
+    seen = watch.see(reading(1.0, 0.9, 0.1, 0.1), changed=False)
+    assert seen == pytest.approx((0.9, 0.9, 4))
 
 
 def sample(recorder, count=60, dt=0.02):
