@@ -56,7 +56,7 @@ def test_the_documented_commands_hold_those_of_the_readme():
 
 
 @pytest.mark.parametrize("line", LINES)
-def test_commands_run(line, learned_drawer, monkeypatch, tmp_path, capsys, can_draw):
+def test_commands_run(line, request, monkeypatch, tmp_path, capsys, can_draw):
     """Each `jaxrmp` line of docs/command_line.md, after the first, with less work than it would do."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("JAXRMP_DATA", raising=False)
@@ -65,7 +65,9 @@ def test_commands_run(line, learned_drawer, monkeypatch, tmp_path, capsys, can_d
     if arguments[0] == "learn":
         arguments += LESS_LEARNING
     else:
-        shutil.copytree(learned_drawer, tmp_path / "out" / "drawer_closing")
+        shutil.copytree(request.getfixturevalue("learned_drawer"), tmp_path / "out" / "drawer_closing")
+    if arguments[0] == "run":
+        arguments += ["--trials", "2"]
     if arguments[0] == "evaluate":
         arguments += ["--starts", "4", "--duration", "2"]
     if not can_draw and "--video" in arguments:
