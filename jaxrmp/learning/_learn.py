@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable
 from dataclasses import asdict, replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -217,10 +218,15 @@ def in_frame(points: np.ndarray, T: np.ndarray) -> np.ndarray:
     return (points - T[:3, 3]) @ T[:3, :3]
 
 
+@partial(jax.jit, static_argnums=2)
+def _poses(robot: Robot, q: jax.Array, frames: tuple[str, ...]) -> jax.Array:
+    return jax.vmap(lambda q: frame_poses(robot, q, frames))(q)
+
+
 def control_points(robot: Robot, frames: tuple[str, ...], offsets: np.ndarray, q: np.ndarray) -> np.ndarray:
     """Positions [T, K, 3], m, in the world, of points at `offsets` [K, 3] in `frames` of `robot`, along `q` [T, n]."""
     with jax.enable_x64(True):
-        poses = np.asarray(jax.vmap(lambda q: frame_poses(robot, q, frames))(jnp.asarray(np.asarray(q, float))))
+        poses = np.asarray(_poses(robot, jnp.asarray(np.asarray(q, float)), tuple(frames)))
     return np.einsum("tkij,kj->tki", poses[:, :, :3, :3], offsets) + poses[:, :, :3, 3]
 
 

@@ -95,7 +95,7 @@ def train_metrics(
         shares = jax.jit(jax.vmap(jax.vmap(lambda support, x: support(x), in_axes=(None, 0))))(support, x)
     # JAX's arrays: threads have not this one's precision, and would read others anew.
     stacked = jax.tree.map(jnp.asarray, _Problem(replace(factors, support=None), x, slope, velocity, shares))
-    problems = [jax.tree.map(lambda a, k=k: a[k], stacked) for k in range(K)]
+    problems = [jax.tree.map(lambda a, k=k: jnp.asarray(np.asarray(a)[k]), stacked) for k in range(K)]
     schedule = optax.cosine_decay_schedule(learning_rate, updates)
     optimizer = optax.chain(
         optax.add_decayed_weights(weight_decay), optax.scale_by_adam(), optax.scale_by_learning_rate(schedule)

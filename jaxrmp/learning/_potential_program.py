@@ -127,10 +127,13 @@ def fit_potential(
     )
 
 
+_hessian = jax.jit(lambda potential, x: jax.hessian(potential)(x))
+
+
 def goal_hessian_eigenvalues(points, biases, end_slope, width, sharpness) -> tuple[float, ...]:
     """Eigenvalues of the potential's Hessian at its end point, ascending, in float64, 1/m."""
     with jax.enable_x64(True):
         arrays = (jnp.asarray(np.asarray(a, float)) for a in (points, biases, end_slope, width, sharpness))
         potential = NominalPotential(*arrays)
-        H = jax.hessian(potential)(potential.points[-1])
+        H = _hessian(potential, potential.points[-1])
     return tuple(float(v) for v in np.linalg.eigvalsh(np.asarray(H)))

@@ -1,28 +1,21 @@
 """A learned skill running live in the door's scene, watched and handled by a page in Chromium."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from jaxrmp.kinematics import forward_kinematics, panda
-from jaxrmp.learning import learn, load_configuration
 from jaxrmp.scenes import scene
-from jaxrmp.synthetic import synthetic_demonstrations
-
-CONFIG = Path(__file__).parents[2] / "configs" / "door_reaching.toml"
-LESS = {"metric.updates": 200, "potential.widths": [0.05], "potential.basin_starts": 100}
 
 
 @pytest.fixture(scope="module")
-def viewer():
+def viewer(door_learning):
     """The page's session: started once, for compiling is most of the time."""
     pytest.importorskip("viser", reason="needs viser: pip install 'jaxrmp[viewer]'")
     from jaxrmp.viewer import Viewer, skill_content
 
-    learning = learn(load_configuration(CONFIG, LESS), panda(), synthetic_demonstrations("door_reaching"))
-    skill, prepared = learning.skill, learning.prepared
+    skill, prepared = door_learning.skill, door_learning.prepared
     place = scene("door", T_world_object=np.asarray(skill.T_world_object, float))
     viewer = Viewer(skill_content(skill, panda(), prepared, scene=place, balls=0), 0, skill=skill, prepared=prepared)
     viewer.start()
