@@ -98,7 +98,8 @@ def evaluate(
     starts = np.asarray(starts, np.float32)
     if batch < 1:
         raise ConfigurationError(f"batch is {batch}, expected at least 1.")
-    batch = largest_batch(engine, batch)
+    # No larger than the starts fill, so that what is measured is what is run; of few sizes, which are compiled once.
+    batch = largest_batch(engine, min(batch, 1 << (len(starts) - 1).bit_length()))
 
     def work(own: np.ndarray) -> dict[str, Any]:
         watch = CertificateWatch(problem, len(own))
