@@ -12,6 +12,7 @@ from .._errors import ConfigurationError, ShapeError
 from .._forms import DiagonalForm, NaturalForm
 from .._materialise import materialise
 from .._pytree import pytree, set_field, static
+from .._ranges import Finite, NonNegative
 from .._task_map import Pushforward, TaskMap, Transport, pushforward, transport_by_jacobian
 from ..kinematics import ControlPoints
 from ..kinematics._jacobian import line_rows
@@ -37,7 +38,7 @@ class SelfDistances(TaskMap):
 
     points: Callable[[jax.Array], jax.Array]
     pairs: tuple[tuple[int, int], ...] = static()
-    radii: Any = 0.0
+    radii: NonNegative[Finite[Any]] = 0.0
 
     def __post_init__(self):
         given: Iterable = self.pairs
