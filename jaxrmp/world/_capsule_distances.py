@@ -7,11 +7,12 @@ import jax
 import jax.numpy as jnp
 
 from .._errors import ShapeError
+from .._linalg import length
 from .._pytree import pytree
 from .._ranges import Finite, NonNegative
 from .._task_map import Pushforward, TaskMap, pushforward
 from ._boxes import Boxes
-from ._components import Point, along, columns, curvature, difference, dot, gradient, length, slope
+from ._components import Point, along, columns, curvature, difference, dot, gradient, slope
 from ._cylinders import Cylinders
 from ._obstacle_distances import radii_of_points, set_radii
 from ._obstacles import FAR, Obstacles, curved_from

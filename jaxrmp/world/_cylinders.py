@@ -7,10 +7,11 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
+from .._linalg import length
 from .._pytree import pytree
 from .._ranges import Finite, NonNegative
 from .._task_map import check_rigid
-from ._components import corner_derivatives, length, length_derivatives, magnitude, outside_corner, to_local, turned
+from ._components import corner_derivatives, length_derivatives, magnitude, outside_corner, to_local, turned
 from ._obstacles import PaddedObstacles, padded, set_fields
 
 

@@ -8,10 +8,11 @@ import numpy as np
 from jax.core import Tracer
 
 from .._errors import ShapeError
+from .._linalg import length
 from .._pytree import pytree, set_field, static
 from .._ranges import Finite, Positive
 from .._task_map import check_rigid
-from ._components import along, difference, length, to_local
+from ._components import along, difference, to_local
 from ._obstacles import Obstacles
 
 _SAMPLES = 17

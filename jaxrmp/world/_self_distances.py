@@ -10,6 +10,7 @@ from jax.lax import Precision
 
 from .._errors import ConfigurationError, ShapeError
 from .._forms import DiagonalForm, NaturalForm
+from .._linalg import length
 from .._materialise import materialise
 from .._pytree import pytree, set_field, static
 from .._ranges import Finite, NonNegative
@@ -17,7 +18,7 @@ from .._task_map import Pushforward, TaskMap, Transport, pushforward, transport_
 from ..kinematics import ControlPoints
 from ..kinematics._jacobian import line_rows
 from ..kinematics._scalars import cross
-from ._components import components, dot, length, length_derivatives
+from ._components import components, dot, length_derivatives
 from ._obstacle_distances import radii_of_points, set_radii
 
 

@@ -5,9 +5,10 @@ from typing import Any
 
 import jax.numpy as jnp
 
+from .._linalg import length
 from .._pytree import pytree
 from .._ranges import Finite, NonNegative
-from ._components import components, difference, dot, fraction, length, length_derivatives
+from ._components import components, difference, dot, fraction, length_derivatives
 from ._obstacles import PaddedObstacles, padded, set_fields
 
 
