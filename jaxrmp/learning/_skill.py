@@ -1,6 +1,7 @@
 """A learned skill: specification and parameters, ready to become part of any tree."""
 
 from dataclasses import replace
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -93,24 +94,17 @@ class Skill:
 
 def joint_leaves(robot: Robot, policy: PolicySettings) -> tuple[Damping, JointLimit | None, tuple[int, ...]]:
     """Damping of all joints, limits of those that have them (None if no joint has), and which joints those are."""
-    damping = Damping(
-        jnp.float32(policy.joint_damping_weight), jnp.float32(policy.joint_damping_rate), name="joint_damping"
-    )
+    damping = _single(Damping(**policy.joint_damping, name="joint_damping"))
     lower, upper = np.asarray(robot.lower), np.asarray(robot.upper)
     limited = np.flatnonzero(np.isfinite(lower) & np.isfinite(upper))
     if limited.size == 0:
         return damping, None, ()
-    limit = JointLimit(
-        lower[limited],
-        upper[limited],
-        weight=policy.joint_limit_weight,
-        sigma=policy.joint_limit_sigma,
-        barrier=policy.joint_limit_barrier,
-        reach=policy.joint_limit_reach,
-        frequency=policy.joint_limit_frequency,
-    )
-    limit = jax.tree.map(lambda value: jnp.asarray(value, jnp.float32), limit)
+    limit = _single(JointLimit(lower[limited], upper[limited], **policy.joint_limit))
     return damping, limit, tuple(int(i) for i in limited)
+
+
+def _single(leaf: Any) -> Any:
+    return jax.tree.map(lambda value: jnp.asarray(value, jnp.float32), leaf)
 
 
 def rigid_targets(offsets: np.ndarray, frames: tuple[str, ...], ends: np.ndarray) -> np.ndarray:

@@ -11,7 +11,7 @@ from .._errors import ShapeError
 from .._forms import DiagonalForm, NaturalForm
 from .._one_loop import one_loop
 from .._pytree import pytree, set_field
-from .._ranges import require
+from .._ranges import Finite, NonNegative
 from .._task_map import Pushforward, TaskMap, Transport, pull_form, pushforward, transport
 from ._components import Point, columns, dot
 from ._obstacles import FAR, PaddedObstacles
@@ -38,7 +38,7 @@ class ObstacleDistances(TaskMap):
 
     points: Callable[[jax.Array], jax.Array]
     world: World
-    radii: Any = 0.0
+    radii: NonNegative[Finite[Any]] = 0.0
 
     def __post_init__(self):
         set_radii(self)
@@ -134,10 +134,9 @@ def carried(d: jax.Array, g: Point, bend: jax.Array, at: Pushforward) -> Pushfor
 
 
 def set_radii(distances: Any) -> None:
-    """Make an array of the `radii` of a map to distances. **Raises** `ConfigurationError` if one is negative."""
+    """Make an array of the `radii` of a map to distances."""
     radii = distances.radii
     set_field(distances, "radii", radii if isinstance(radii, jax.Array) else np.asarray(radii, dtype=float))
-    require(distances, finite=("radii",), non_negative=("radii",))
 
 
 def radii_of_points(radii: Any, p: jax.Array) -> jax.Array:

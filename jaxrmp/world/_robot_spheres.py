@@ -11,7 +11,7 @@ import numpy as np
 
 from .._errors import ConfigurationError, RobotError, UnknownNameError
 from .._pytree import pytree, set_field, static
-from .._ranges import require, require_number
+from .._ranges import Finite, NonNegative, require_number
 from .._rotations import rotation_of_quaternion
 from ..kinematics import PANDA_MODEL, ControlPoints, Robot
 from ..kinematics._mujoco import import_mujoco
@@ -36,7 +36,7 @@ class RobotSpheres:
 
     frames: tuple[str, ...] = static()
     offsets: jax.Array | np.ndarray
-    radii: jax.Array | np.ndarray
+    radii: NonNegative[Finite[jax.Array | np.ndarray]]
     coverage_error: float = static(default=float("nan"))
 
     def __post_init__(self):
@@ -47,7 +47,6 @@ class RobotSpheres:
                 f"{len(self.frames)} frames with offsets of shape {offsets} and radii of shape {radii}: expected one "
                 "row and one radius a frame."
             )
-        require(self, finite=("radii",), non_negative=("radii",))
 
     @property
     def size(self) -> int:
@@ -89,7 +88,7 @@ def spheres_from_model(
     **Raises** `RobotError` if the file cannot be read, `ConfigurationError` if `max_error` is not positive, asks for
     too many spheres, or `frames` names a body without geometry.
     """
-    require_number("spheres_from_model", "max_error", max_error, "positive")
+    require_number("spheres_from_model", "max_error", max_error)
     return _cover_model(geometry_of_model(source), max_error, frames, str(source))
 
 

@@ -260,7 +260,7 @@ def test_the_loop_tells_the_watch_of_a_change_from_outside_and_of_no_other(monke
     given = [Situation(content.policy, goal, content.world, shares, push)]
     loop = LiveLoop(lambda: replace(given[-1]), content.q, ("panda_hand",), content.hand)
     told, see = [], loop._watch.see
-    monkeypatch.setattr(loop._watch, "see", lambda reading, changed: told.append(changed) or see(reading, changed))
+    monkeypatch.setattr(loop._watch, "see", lambda *seen, **how: told.append(seen[1]) or see(*seen, **how))
     for moved in (False, False, True, False):
         if moved:
             given.append(replace(given[-1], T_world_target=goal + np.float32(0.1) * np.eye(4, k=3, dtype=np.float32)))
