@@ -7,12 +7,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxrmp._cores import own_cores
 from jaxrmp.cli._sources import robot_of
 from jaxrmp.learning import load_skill, prepare
 from jaxrmp.learning._learn import training_samples
 from jaxrmp.learning._metric_network import initial_cholesky_factor
 from jaxrmp.learning._metric_training import train_metrics
+from jaxrmp.xla import own_cores
 
 from ._skills import configuration, demonstrations, skill_file, source_here
 

@@ -8,13 +8,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxrmp._cores import own_cores
 from jaxrmp.cli._sources import robot_of
 from jaxrmp.evaluation import scene_problem
 from jaxrmp.kinematics._mujoco import import_mujoco
 from jaxrmp.learning import load_skill
 from jaxrmp.scenes import scene
 from jaxrmp.simulation import MjxEngine, MujocoEngine, StopCriteria, arm_in_scene
+from jaxrmp.xla import own_cores
 
 from ._children import fast_mjx_flags, in_child
 from ._plots import curves

@@ -7,8 +7,6 @@ from . import world as world
 from ._certificate import Certificate as Certificate
 from ._certificate import certificate as certificate
 from ._certificate import uncertified_leaves as uncertified_leaves
-from ._compiled import Compiled as Compiled
-from ._compiled import compiled as compiled
 from ._errors import BasinError as BasinError
 from ._errors import ConfigurationError as ConfigurationError
 from ._errors import ConvexProgramError as ConvexProgramError
@@ -66,3 +64,5 @@ from ._trust_region import resolve_within as resolve_within
 from ._version import __version__ as __version__
 from ._visitor import Measured as Measured
 from ._visitor import Visitor as Visitor
+from .xla import Compiled as Compiled
+from .xla import compiled as compiled

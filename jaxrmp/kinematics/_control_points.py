@@ -9,10 +9,9 @@ import numpy as np
 
 from .._errors import ShapeError
 from .._forms import NaturalForm
-from .._materialise import concatenated
-from .._one_loop import one_loop
 from .._pytree import pytree, set_field, static
 from .._task_map import Pushforward, TaskMap, Transport
+from ..xla import concatenated, one_loop
 from ._forward import configuration
 from ._jacobian import as_jacobian, jacobian_rows, rows
 from ._motion import BodyMotion, JointAxis, attach, carry, move, turns_at

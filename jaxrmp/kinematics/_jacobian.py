@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._materialise import concatenated
+from ..xla import concatenated
 from ._motion import JointAxis
 from ._robot import KinematicModel
 from ._scalars import ZERO, Vector, add3, cross, mul, scale, sub3

@@ -60,7 +60,6 @@ class CollisionAvoidance(SeparableGDS):
     frequency: Positive[jax.Array | float] = float("inf")
     form: Form = static(default="compact")
     name: str = static(default="collision_avoidance")
-    coordinatewise = True
 
     def __post_init__(self):
         if self.form not in get_args(Form):

@@ -28,7 +28,6 @@ class Damping(SeparableGDS):
     weight: NonNegative[jax.Array | float] = 1e-3
     damping_rate: NonNegative[jax.Array | float] = 1.0
     name: str = static(default="damping")
-    coordinatewise = True
 
     def metric(self, x, xd):
         return jnp.broadcast_to(jnp.asarray(self.weight, x.dtype), x.shape)

@@ -30,7 +30,6 @@ class Formation(SeparableGDS):
     gain: NonNegative[jax.Array | float] = 1.0
     damping_rate: NonNegative[jax.Array | float] = 2.0
     name: str = static(default="formation")
-    coordinatewise = True
     has_goal = True
 
     def metric(self, x, xd):

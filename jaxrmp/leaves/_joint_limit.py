@@ -61,7 +61,6 @@ class JointLimit(SeparableGDS):
     reach: Positive[jax.Array | float] = 0.1
     frequency: Positive[Finite[jax.Array | float]] = 50.0
     name: str = static(default="joint_limit")
-    coordinatewise = True
 
     def __post_init__(self):
         if not any(isinstance(value, Tracer) for value in vars(self).values()):

@@ -38,7 +38,6 @@ class JointVelocityLimit(SeparableGDS):
     damping_rate: NonNegative[jax.Array | float] = 20.0
     onset: BelowOne[NonNegative[jax.Array | float]] = 0.7
     name: str = static(default="joint_velocity_limit")
-    coordinatewise = True
 
     def metric(self, x, xd):
         e = (jnp.abs(xd) / jnp.asarray(self.limit, x.dtype) - self.onset) / (1 - self.onset)

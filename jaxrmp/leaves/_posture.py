@@ -31,7 +31,6 @@ class Posture(SeparableGDS):
     stiffness: NonNegative[jax.Array | float] = 4.0
     damping_rate: NonNegative[jax.Array | float] = 4.0
     name: str = static(default="posture")
-    coordinatewise = True
 
     def gap(self, x):
         return length(x - jnp.asarray(self.rest, x.dtype))

@@ -11,13 +11,13 @@ from jax.lax import Precision
 from .._errors import ConfigurationError, ShapeError
 from .._forms import DiagonalForm, NaturalForm
 from .._linalg import length
-from .._materialise import materialise
 from .._pytree import pytree, set_field, static
 from .._ranges import Finite, NonNegative
 from .._task_map import Pushforward, TaskMap, Transport, pushforward, transport_by_jacobian
 from ..kinematics import ControlPoints
 from ..kinematics._jacobian import line_rows
 from ..kinematics._scalars import cross
+from ..xla import materialise
 from ._components import components, dot, length_derivatives
 from ._obstacle_distances import radii_of_points, set_radii
 

@@ -35,8 +35,9 @@ OWNERS = {"learning/_metric_network.py": {"flax"}, "learning/_metric_training.py
 OWNING_PARTS = {"synthetic": {"scipy"}, "visualization": {"matplotlib", "mpl_toolkits"}}
 LAZY_IN_CORE = {"kinematics/_mujoco.py": {"mujoco"}}
 
-# Which parts of jaxrmp a part may import, itself and the core (`jaxrmp/*.py`) aside.
+# Which parts of jaxrmp a part may import, itself, the core (`jaxrmp/*.py`) and the machinery below it aside.
 LAYERS = {
+    "xla": set(),
     "core": {"leaves", "kinematics", "inspection", "world"},  # for re-export by jaxrmp/__init__.py, checked below
     "leaves": set(),
     "kinematics": set(),
@@ -122,14 +123,16 @@ def test_a_module_imports_only_what_its_layer_may(path):
         if root == "jaxrmp":
             target = part_of(below)
             if target != part:
-                expected = {"core", *LAYERS[part]}
+                expected = {"core", "xla", *LAYERS[part]}
                 assert target in expected, f"{name_of(path)} imports {imported}; {part} may import {sorted(expected)}"
-            if part == "core" and target != "core":
+            if part == "xla" and target == "core":
+                assert below[0] == "_errors", f"{name_of(path)} imports {imported}; it is below the core"
+            if part == "core" and target not in ("core", "xla"):
                 assert name_of(path) == "__init__.py", f"{name_of(path)} imports {imported}"
         elif root not in sys.stdlib_module_names:
             if top:
                 assert root in allowed, f"{name_of(path)} imports {imported} at module level"
-            elif part in ("core", "leaves", "kinematics"):
+            elif part in ("core", "leaves", "kinematics", "xla"):
                 assert root in allowed | LAZY_IN_CORE.get(name_of(path), set()), f"{name_of(path)} imports {imported}"
 
 
