@@ -1,5 +1,7 @@
 """Riemannian motion policies: learned from demonstrations, composed with hand-designed ones, certified stable."""
 
+import importlib as _importlib
+
 from . import inspection as inspection
 from . import kinematics as kinematics
 from . import leaves as leaves
@@ -63,3 +65,25 @@ from ._tree import batched as batched
 from ._tree import pullback as pullback
 from ._trust_region import resolve_within as resolve_within
 from ._version import __version__ as __version__
+
+_ON_FIRST_USE = (
+    "evaluation",
+    "io",
+    "learning",
+    "policies",
+    "scenes",
+    "simulation",
+    "synthetic",
+    "viewer",
+    "visualization",
+)
+
+
+def __getattr__(name):
+    if name in _ON_FIRST_USE:
+        return _importlib.import_module(f"{__name__}.{name}")
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__():
+    return sorted({*globals(), *_ON_FIRST_USE})

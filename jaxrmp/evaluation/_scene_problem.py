@@ -5,8 +5,9 @@ import numpy as np
 from ..kinematics import Robot
 from ..kinematics._mujoco import import_mujoco
 from ..learning import Skill
+from ..policies import whole_arm_policy
 from ..scenes import Scene
-from ..simulation import Problem, whole_arm_policy
+from ..simulation import Problem
 from ..world import Boxes, Capsules, HalfSpaces, ObstacleDistances, RobotSpheres, World, panda_spheres
 from ._evaluate import skill_problem
 

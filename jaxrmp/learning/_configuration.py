@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from .._errors import ConfigurationError, UnknownNameError
+from ..kinematics import Robot, load_robot, panda
 from ._preprocessing import PreprocessingSettings
 
 ACTIVATIONS = ("relu", "softplus", "silu", "tanh")
@@ -151,3 +152,7 @@ class Configuration:
             raise ConfigurationError(
                 f"fixed_joints is {dict(self.fixed_joints)!r}, but the built-in Panda has none to fix: its fingers are."
             )
+
+    def load_robot(self) -> Robot:
+        """The built-in Panda, or the robot of the MJCF or URDF file that is named. **Raises** as `load_robot`."""
+        return panda() if self.robot == "panda" else load_robot(self.robot, fixed=self.fixed_joints)

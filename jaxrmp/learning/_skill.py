@@ -79,6 +79,22 @@ class Skill:
         arrays = {name: jnp.full_like(getattr(self.learned, name), value) for name, value in gains.items()}
         return replace(self, learned=replace(self.learned, **arrays))
 
+    def load_robot(self, file: str | None = None) -> Robot:
+        """The robot that the skill was learned on, or the same one of another file, should its own have moved.
+
+        **Raises** `RobotError` if it cannot be read or has other kinematics.
+        """
+        try:
+            robot = replace(self.configuration, robot=file or self.configuration.robot).load_robot()
+        except RobotError as error:
+            if file:
+                raise
+            raise RobotError(
+                f"the robot that the skill was learned on: {error} If it has moved: --robot FILE."
+            ) from error
+        self.check_robot(robot)
+        return robot
+
     def check_robot(self, robot: Robot) -> None:
         """**Raises** `RobotError` if `robot` has other kinematics than the skill was learned on."""
         if robot.fingerprint != self.robot_fingerprint:
@@ -95,13 +111,12 @@ def joint_leaves(robot: Robot, policy: PolicySettings) -> tuple[Damping, JointLi
     damping = Damping(
         jnp.float32(policy.joint_damping_weight), jnp.float32(policy.joint_damping_rate), name="joint_damping"
     )
-    lower, upper = np.asarray(robot.lower), np.asarray(robot.upper)
-    limited = np.flatnonzero(np.isfinite(lower) & np.isfinite(upper))
-    if limited.size == 0:
+    limited = robot.limited
+    if not limited:
         return damping, None, ()
     limit = JointLimit(
-        lower[limited],
-        upper[limited],
+        np.asarray(robot.lower)[list(limited)],
+        np.asarray(robot.upper)[list(limited)],
         weight=policy.joint_limit_weight,
         sigma=policy.joint_limit_sigma,
         barrier=policy.joint_limit_barrier,
@@ -109,7 +124,7 @@ def joint_leaves(robot: Robot, policy: PolicySettings) -> tuple[Damping, JointLi
         frequency=policy.joint_limit_frequency,
     )
     limit = jax.tree.map(lambda value: jnp.asarray(value, jnp.float32), limit)
-    return damping, limit, tuple(int(i) for i in limited)
+    return damping, limit, limited
 
 
 def rigid_targets(offsets: np.ndarray, frames: tuple[str, ...], ends: np.ndarray) -> np.ndarray:
