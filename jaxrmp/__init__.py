@@ -1,5 +1,7 @@
 """Riemannian motion policies: learned from demonstrations, composed with hand-designed ones, certified stable."""
 
+import importlib as _importlib
+
 from . import inspection as inspection
 from . import kinematics as kinematics
 from . import leaves as leaves
@@ -66,3 +68,25 @@ from ._visitor import Measured as Measured
 from ._visitor import Visitor as Visitor
 from .xla import Compiled as Compiled
 from .xla import compiled as compiled
+
+_ON_FIRST_USE = (
+    "evaluation",
+    "io",
+    "learning",
+    "policies",
+    "scenes",
+    "simulation",
+    "synthetic",
+    "viewer",
+    "visualization",
+)
+
+
+def __getattr__(name):
+    if name in _ON_FIRST_USE:
+        return _importlib.import_module(f"{__name__}.{name}")
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__():
+    return sorted({*globals(), *_ON_FIRST_USE})

@@ -9,6 +9,7 @@ import numpy as np
 from .._errors import ConfigurationError, UnknownNameError
 from .._pytree import set_field
 from .._ranges import NonNegative, Positive, settings
+from ..kinematics import Robot, load_robot, panda
 from ..leaves import Damping, JointLimit
 from ._preprocessing import PreprocessingSettings
 
@@ -134,3 +135,7 @@ class Configuration:
             raise ConfigurationError(
                 f"fixed_joints is {dict(self.fixed_joints)!r}, but the built-in Panda has none to fix: its fingers are."
             )
+
+    def load_robot(self) -> Robot:
+        """The built-in Panda, or the robot of the MJCF or URDF file that is named. **Raises** as `load_robot`."""
+        return panda() if self.robot == "panda" else load_robot(self.robot, fixed=self.fixed_joints)
