@@ -16,6 +16,7 @@ NAMES = (
     "compilation",
     "peers",
     "roofline",
+    "machinery",
     "learning",
     "rollouts",
 )

@@ -10,8 +10,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxrmp._cores import own_cores
 from jaxrmp.kinematics import PANDA_MODEL, forward_kinematics, geometric_jacobian, panda
+from jaxrmp.xla import own_cores
 
 from ._children import fast_mjx_flags, in_child
 from ._plots import bars

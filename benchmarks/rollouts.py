@@ -8,13 +8,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxrmp._cores import own_cores
-from jaxrmp.cli._sources import robot_of
 from jaxrmp.evaluation import scene_problem
 from jaxrmp.kinematics._mujoco import import_mujoco
 from jaxrmp.learning import load_skill
 from jaxrmp.scenes import scene
 from jaxrmp.simulation import MjxEngine, MujocoEngine, StopCriteria, arm_in_scene
+from jaxrmp.xla import own_cores
 
 from ._children import fast_mjx_flags, in_child
 from ._plots import curves
@@ -119,7 +118,7 @@ def stages(engine: MjxEngine, problem: Any, batch: int, quick: bool) -> list[dic
 def _setting(quick: bool) -> tuple[Any, Any]:
     skill = load_skill(skill_file("drawer_closing", quick=quick))
     place = scene("drawer", T_world_object=np.asarray(skill.T_world_object, float))
-    return arm_in_scene(place), scene_problem(skill, robot_of(skill.configuration), place)
+    return arm_in_scene(place), scene_problem(skill, skill.load_robot(), place)
 
 
 def _starts(batch: int) -> np.ndarray:

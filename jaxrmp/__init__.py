@@ -1,5 +1,7 @@
 """Riemannian motion policies: learned from demonstrations, composed with hand-designed ones, certified stable."""
 
+import importlib as _importlib
+
 from . import inspection as inspection
 from . import kinematics as kinematics
 from . import leaves as leaves
@@ -7,8 +9,6 @@ from . import world as world
 from ._certificate import Certificate as Certificate
 from ._certificate import certificate as certificate
 from ._certificate import uncertified_leaves as uncertified_leaves
-from ._compiled import Compiled as Compiled
-from ._compiled import compiled as compiled
 from ._errors import BasinError as BasinError
 from ._errors import ConfigurationError as ConfigurationError
 from ._errors import ConvexProgramError as ConvexProgramError
@@ -66,3 +66,27 @@ from ._trust_region import resolve_within as resolve_within
 from ._version import __version__ as __version__
 from ._visitor import Measured as Measured
 from ._visitor import Visitor as Visitor
+from .xla import Compiled as Compiled
+from .xla import compiled as compiled
+
+_ON_FIRST_USE = (
+    "evaluation",
+    "io",
+    "learning",
+    "policies",
+    "scenes",
+    "simulation",
+    "synthetic",
+    "viewer",
+    "visualization",
+)
+
+
+def __getattr__(name):
+    if name in _ON_FIRST_USE:
+        return _importlib.import_module(f"{__name__}.{name}")
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__():
+    return sorted({*globals(), *_ON_FIRST_USE})

@@ -11,11 +11,9 @@ import jax
 import jax.numpy as jnp
 
 from ._forms import DiagonalForm, NaturalForm
-from ._one_loop import one_loop
 from ._pytree import as_pytree, pytree, set_field, static
 from ._tree import Leaf, SeparableLeaf
-
-_FEW = 16  # coordinates, which a scalar program holds all at once
+from .xla import one_loop
 
 
 class GeometricDynamicalSystem(Leaf):
@@ -76,12 +74,7 @@ class SeparableGDS(SeparableLeaf):
 
     Subclasses implement `metric`, `potential` and `damping` elementwise, [m] to [m]. One pass of elementwise autodiff
     serves all coordinates, so this is the form for joint limits and distances.
-
-    `coordinatewise` says that every parameter is a number or [m], one for each coordinate: a thousand coordinates are
-    then evaluated as one coordinate of a thousand states is.
     """
-
-    coordinatewise = False
 
     def metric(self, x: jax.Array, xd: jax.Array) -> jax.Array:
         """The diagonal of `G`, [m], at `x, xd` [m]; entry i depends on `x[i]` and `xd[i]` alone; not negative."""
@@ -95,27 +88,14 @@ class SeparableGDS(SeparableLeaf):
         """The diagonal of `B`, [m], at `x, xd` [m]; not negative."""
         raise NotImplementedError
 
+    @one_loop
     def evaluate(self, x, xd):
-        parameters, structure = jax.tree.flatten(self)
-        shapes = [jnp.shape(p) for p in parameters]
-        one_by_one = self.coordinatewise and x.ndim == 1 and x.size > _FEW
-        if not one_by_one or any(shape not in ((), x.shape) for shape in shapes):
-            return DiagonalForm(*one_loop(type(self)._evaluated)(self, x, xd))
-
-        def coordinate(parameters, x, xd):
-            f, d = jax.tree.unflatten(structure, parameters)._evaluated(x[None], xd[None])
-            return f[0], d[0]
-
-        of_coordinates = [0 if shape == x.shape else None for shape in shapes]
-        return DiagonalForm(*one_loop(coordinate, (of_coordinates, 0, 0))(parameters, x, xd))
-
-    def _evaluated(self, x, xd):
         ones = jnp.ones_like(x)
         G, dG_dx = jax.jvp(lambda x: self.metric(x, xd), (x,), (ones,))
         _, dG_dxd = jax.jvp(lambda xd: self.metric(x, xd), (xd,), (ones,))
         _, slope = jax.jvp(self.potential, (x,), (ones,))
         f = -slope - self.damping(x, xd) * xd - 0.5 * xd * xd * dG_dx
-        return f, G + 0.5 * xd * dG_dxd
+        return DiagonalForm(f, G + 0.5 * xd * dG_dxd)
 
     def energy(self, x, xd):
         return jnp.sum(0.5 * self.metric(x, xd) * xd * xd + self.potential(x))

@@ -12,6 +12,8 @@ from typing import Any, TypeVar, dataclass_transform
 import jax
 import numpy as np
 
+from ._ranges import with_ranges
+
 T = TypeVar("T")
 _FLATTENED = "_flattened"
 
@@ -26,10 +28,11 @@ def pytree(cls: type[T]) -> type[T]:
     """Make `cls` a frozen dataclass and register it with JAX.
 
     What a value is made of is what `dataclasses.fields` names: beside those, its `__dict__` keeps what flattening it
-    found. Unflattening goes round `__init__`: JAX rebuilds values with placeholders where arrays were, and what
-    `__post_init__` checks about a user's arguments does not hold for those.
+    found. Fields that declare a range, as `Positive` does, are checked. Unflattening goes round `__init__`: JAX
+    rebuilds values with placeholders where arrays were, and what is checked about a user's arguments does not hold
+    for those.
     """
-    cls = dataclasses.dataclass(frozen=True, eq=False)(cls)
+    cls = dataclasses.dataclass(frozen=True, eq=False)(with_ranges(cls))
     fields = dataclasses.fields(cls)  # type: ignore[arg-type]
     parameters = tuple(f.name for f in fields if not f.metadata.get("static"))
     structure = tuple(f.name for f in fields if f.metadata.get("static"))

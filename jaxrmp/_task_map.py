@@ -22,7 +22,7 @@ from ._errors import RigidTransformError, ShapeError
 from ._forms import DiagonalForm, Form, NaturalForm
 from ._linalg import length
 from ._pytree import as_pytree, pytree, set_field, static
-from ._ranges import require
+from ._ranges import NonNegative
 
 
 class Pushforward(NamedTuple):
@@ -277,10 +277,7 @@ class Distance(TaskMap):
     """
 
     center: jax.Array
-    radius: jax.Array | float = 0.0
-
-    def __post_init__(self):
-        require(self, non_negative=("radius",))
+    radius: NonNegative[jax.Array | float] = 0.0
 
     def __call__(self, x):
         return (length(x - jnp.asarray(self.center, x.dtype)) - self.radius)[None].astype(x.dtype)

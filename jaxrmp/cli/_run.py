@@ -18,6 +18,7 @@ from ..learning import (
     prepare,
     reproduction_errors,
 )
+from ..policies import whole_arm_policy
 from ..scenes import scene as build_scene
 from ..simulation import (
     Criteria,
@@ -27,7 +28,6 @@ from ..simulation import (
     TrackerSettings,
     run_trials,
     sample_trials,
-    whole_arm_policy,
 )
 from ..visualization import (
     check_video_name,

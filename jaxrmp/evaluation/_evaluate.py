@@ -10,7 +10,8 @@ from .._task_map import Selection
 from .._tree import Node, pullback
 from ..kinematics import ControlPoints, Robot, panda
 from ..learning import Skill
-from ..simulation import Engine, Outcomes, Problem, StopCriteria, largest_batch, simulate, whole_arm_policy
+from ..policies import whole_arm_policy
+from ..simulation import Engine, Outcomes, Problem, StopCriteria, largest_batch, simulate
 from ..world import SelfDistances, World, panda_self_pairs, panda_spheres
 from ._distribution import map_over_processes
 from ._ends import End, Ends, classify_ends, control_point_errors
@@ -60,7 +61,7 @@ class Evaluation(NamedTuple):
 def skill_problem(skill: Skill, robot: Robot, *, tree: Node | None = None, distances: tuple = ()) -> Problem:
     """What `evaluate` rolls out: the whole arm's policy, and the Panda's distances to itself.
 
-    **Arguments**: `skill`; `robot`, that it was learned on; `tree`, by default that of `simulation.whole_arm_policy`
+    **Arguments**: `skill`; `robot`, that it was learned on; `tree`, by default that of `policies.whole_arm_policy`
     without obstacles; `distances`, further ones to watch, such as to a scene.
     """
     if robot.fingerprint == panda().fingerprint:

@@ -6,8 +6,9 @@ from .._rotations import pose
 from ..kinematics import Robot
 from ..kinematics._mujoco import import_mujoco
 from ..learning import Skill
+from ..policies import whole_arm_policy
 from ..scenes import Scene
-from ..simulation import Problem, whole_arm_policy
+from ..simulation import Problem
 from ..world import Boxes, Capsules, HalfSpaces, ObstacleDistances, RobotSpheres, World, panda_spheres
 from ._evaluate import skill_problem
 

@@ -43,7 +43,7 @@ def load_robot(path: str | os.PathLike, *, fixed: Mapping[str, float] | None = N
         spec = mujoco.MjSpec.from_file(str(path))
     except (OSError, ValueError) as error:
         raise RobotError(f"{path} cannot be read as MJCF or URDF: {error}") from error
-    return _robot_of_spec(mujoco, spec, text, str(path), fixed, name)
+    return _robot_of_spec(mujoco, spec, text, str(path), fixed, name, str(path.resolve()))
 
 
 def load_robot_from_string(xml: str, *, fixed: Mapping[str, float] | None = None, name: str | None = None) -> Robot:
@@ -56,7 +56,7 @@ def load_robot_from_string(xml: str, *, fixed: Mapping[str, float] | None = None
     return _robot_of_spec(mujoco, spec, xml.encode(), "the text", fixed, name)
 
 
-def _robot_of_spec(mujoco, spec, text, source, fixed, name) -> Robot:
+def _robot_of_spec(mujoco, spec, text, source, fixed, name, file=None) -> Robot:
     loops = _strip(mujoco, spec)
     try:
         m = spec.compile()
@@ -81,7 +81,7 @@ def _robot_of_spec(mujoco, spec, text, source, fixed, name) -> Robot:
         lower=np.array(lower),
         upper=np.array(upper),
         velocity_limit=np.array([velocity.get(joint, np.inf) for joint in joint_names]),
-        model=KinematicModel(name or spec.modelname, joint_names, bodies, tuple(joints), _frames(m, bodies)),
+        model=KinematicModel(name or spec.modelname, joint_names, bodies, tuple(joints), _frames(m, bodies), file),
     )
 
 

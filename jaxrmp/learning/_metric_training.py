@@ -11,9 +11,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._cores import own_cores
 from .._errors import ConfigurationError, MissingDependencyError, TrainingError, UnknownNameError
 from ..leaves import natural_gradient_field
+from ..xla import own_cores
 from ._configuration import LOSSES
 from ._metric_network import CholeskyFactor, blended, initial_cholesky_factor
 from ._support import Support

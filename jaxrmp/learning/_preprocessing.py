@@ -1,11 +1,11 @@
 """From joint trajectories as recorded to smooth ones with the same geometry and an even number of samples."""
 
-from dataclasses import dataclass
 from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 
 from .._errors import ConfigurationError, DemonstrationError, MissingDependencyError, UnknownNameError
+from .._ranges import BelowOne, NonNegative, Positive, settings
 from ._arc_length import cubic_spline, resample_by_arc_length
 from ._demonstrations import Demonstration, DemonstrationSet
 
@@ -14,7 +14,7 @@ Resampling = Literal["arc", "time"]
 _MOST_SAMPLES = 1_000_000  # on the even time grid: nine hours at 30 Hz
 
 
-@dataclass(frozen=True)
+@settings("preprocessing")
 class PreprocessingSettings:
     """How `preprocess` works. Durations in seconds.
 
@@ -29,25 +29,20 @@ class PreprocessingSettings:
 
     samples: int = 200
     resample: Resampling = "arc"
-    filter_window: float = 0.35
+    filter_window: Positive[float] = 0.35
     filter_order: int = 3
-    rate: float = 30.0
-    repeat: float = 0.005
-    gap: float = 0.1
-    static_speed: float = 0.02
-    static_duration: float = 0.3
-    min_motion: float = 0.02
+    rate: Positive[float] = 30.0
+    repeat: NonNegative[float] = 0.005
+    gap: Positive[float] = 0.1
+    static_speed: BelowOne[NonNegative[float]] = 0.02
+    static_duration: Positive[float] = 0.3
+    min_motion: Positive[float] = 0.02
 
     def __post_init__(self):
         if self.resample not in get_args(Resampling):
             raise UnknownNameError("resampling", self.resample, get_args(Resampling))
-        for name in ("filter_window", "rate", "gap", "static_duration", "min_motion"):
-            if not 0 < getattr(self, name) < np.inf:
-                raise ConfigurationError(f"{name} is {getattr(self, name)!r}, expected a positive number.")
         if self.samples < 4:
             raise ConfigurationError(f"samples is {self.samples!r}, expected at least 4.")
-        if not 0 <= self.static_speed < 1 or self.repeat < 0:
-            raise ConfigurationError("static_speed is a fraction in [0, 1) and repeat is not negative.")
         if not 1 <= self.filter_order < self.window_samples:
             raise ConfigurationError(
                 f"filter_window {self.filter_window} s is {self.window_samples} samples at rate {self.rate}, too short "

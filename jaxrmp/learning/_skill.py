@@ -1,6 +1,7 @@
 """A learned skill: specification and parameters, ready to become part of any tree."""
 
 from dataclasses import replace
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -80,6 +81,22 @@ class Skill:
         arrays = {name: jnp.full_like(getattr(self.learned, name), value) for name, value in gains.items()}
         return replace(self, learned=replace(self.learned, **arrays))
 
+    def load_robot(self, file: str | None = None) -> Robot:
+        """The robot that the skill was learned on, or the same one of another file, should its own have moved.
+
+        **Raises** `RobotError` if it cannot be read or has other kinematics.
+        """
+        try:
+            robot = replace(self.configuration, robot=file or self.configuration.robot).load_robot()
+        except RobotError as error:
+            if file:
+                raise
+            raise RobotError(
+                f"the robot that the skill was learned on: {error} If it has moved: --robot FILE."
+            ) from error
+        self.check_robot(robot)
+        return robot
+
     def check_robot(self, robot: Robot) -> None:
         """**Raises** `RobotError` if `robot` has other kinematics than the skill was learned on."""
         if robot.fingerprint != self.robot_fingerprint:
@@ -93,24 +110,16 @@ class Skill:
 
 def joint_leaves(robot: Robot, policy: PolicySettings) -> tuple[Damping, JointLimit | None, tuple[int, ...]]:
     """Damping of all joints, limits of those that have them (None if no joint has), and which joints those are."""
-    damping = Damping(
-        jnp.float32(policy.joint_damping_weight), jnp.float32(policy.joint_damping_rate), name="joint_damping"
-    )
-    lower, upper = np.asarray(robot.lower), np.asarray(robot.upper)
-    limited = np.flatnonzero(np.isfinite(lower) & np.isfinite(upper))
-    if limited.size == 0:
+    damping = _single(Damping(**policy.joint_damping, name="joint_damping"))
+    limited = list(robot.limited)
+    if not limited:
         return damping, None, ()
-    limit = JointLimit(
-        lower[limited],
-        upper[limited],
-        weight=policy.joint_limit_weight,
-        sigma=policy.joint_limit_sigma,
-        barrier=policy.joint_limit_barrier,
-        reach=policy.joint_limit_reach,
-        frequency=policy.joint_limit_frequency,
-    )
-    limit = jax.tree.map(lambda value: jnp.asarray(value, jnp.float32), limit)
-    return damping, limit, tuple(int(i) for i in limited)
+    lower, upper = np.asarray(robot.lower)[limited], np.asarray(robot.upper)[limited]
+    return damping, _single(JointLimit(lower, upper, **policy.joint_limit)), tuple(limited)
+
+
+def _single(leaf: Any) -> Any:
+    return jax.tree.map(lambda value: jnp.asarray(value, jnp.float32), leaf)
 
 
 def rigid_targets(offsets: np.ndarray, frames: tuple[str, ...], ends: np.ndarray) -> np.ndarray:

@@ -3,7 +3,7 @@
 import json
 import os
 from collections.abc import Iterable
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -24,11 +24,7 @@ from ._support import Support
 
 FORMAT = "jaxrmp skill"
 _HEADER = "header.json"
-_DAMPING = ("weight", "damping_rate")
-_LIMIT = ("lower", "upper", "rest", "weight", "sigma", "stiffness", "damping_rate", "barrier", "reach", "frequency")
-_SUPPORT = ("anchors", "reach", "strength")
 _PLACES = ("offsets", "targets", "T_world_object", "R_object_hand")
-_POTENTIAL = ("points", "biases", "end_slope", "width", "sharpness")
 
 
 def save_skill(skill: Skill, path: str | os.PathLike) -> Path:
@@ -36,16 +32,13 @@ def save_skill(skill: Skill, path: str | os.PathLike) -> Path:
     factor = skill.learned.cholesky_of
     if not isinstance(factor, CholeskyFactor) or not isinstance(skill.learned.potential_of, NominalPotential):
         raise SkillFileError("only skills of a NominalPotential and a CholeskyFactor can be saved.")
-    arrays = {f"potential/{name}": getattr(skill.learned.potential_of, name) for name in _POTENTIAL}
+    arrays = _parameters("potential", skill.learned.potential_of)
     arrays |= {f"metric/{layer}/{name}": a for layer, d in factor.weights.items() for name, a in d.items()}
     arrays |= {"metric/length_scale": factor.length_scale}
-    if factor.support is not None:
-        arrays |= {f"support/{name}": getattr(factor.support, name) for name in _SUPPORT}
+    arrays |= _parameters("support", factor.support)
     arrays |= {"gains/speed": skill.learned.speed, "gains/damping_rate": skill.learned.damping_rate}
     arrays |= {name: getattr(skill, name) for name in _PLACES}
-    arrays |= {f"joint_damping/{name}": getattr(skill.joint_damping, name) for name in _DAMPING}
-    if skill.joint_limit is not None:
-        arrays |= {f"joint_limit/{name}": getattr(skill.joint_limit, name) for name in _LIMIT}
+    arrays |= _parameters("joint_damping", skill.joint_damping) | _parameters("joint_limit", skill.joint_limit)
     arrays = {name: np.asarray(a) for name, a in arrays.items()}
     header = {
         "format": FORMAT,
@@ -124,12 +117,12 @@ def _skill_from(header: dict[str, Any], arrays: dict[str, np.ndarray]) -> Skill:
         layer: {name: _taken(left, f"metric/{layer}/{name}", (K, *jnp.shape(a))) for name, a in parameters.items()}
         for layer, parameters in template.weights.items()
     }
-    support = Support(*(left.pop(f"support/{name}") for name in _SUPPORT)) if network["supported"] else None
+    support = _built(Support, "support", left) if network["supported"] else None
     factor = replace(template, weights=weights, length_scale=_taken(left, "metric/length_scale", (K,)), support=support)
-    potential = NominalPotential(*(left.pop(f"potential/{name}") for name in _POTENTIAL))
-    damping = Damping(*(left.pop(f"joint_damping/{name}") for name in _DAMPING), name="joint_damping")
+    potential = _built(NominalPotential, "potential", left)
+    damping = _built(Damping, "joint_damping", left, name="joint_damping")
     limited = tuple(header["limited"])
-    limit = JointLimit(*(left.pop(f"joint_limit/{name}") for name in _LIMIT)) if limited else None
+    limit = _built(JointLimit, "joint_limit", left) if limited else None
     skill = Skill(
         learned=Learned(potential, factor, _taken(left, "gains/speed", (K,)), _taken(left, "gains/damping_rate", (K,))),
         joint_damping=damping,
@@ -150,6 +143,21 @@ def _skill_from(header: dict[str, Any], arrays: dict[str, np.ndarray]) -> Skill:
     if len(skill.frames) != K or potential.points.shape[:1] != (K,):
         raise SkillFileError(f"{len(skill.frames)} frames and {len(potential.points)} potentials for {K} subtasks.")
     return skill
+
+
+def _parameters(prefix: str, value: Any) -> dict[str, Any]:
+    """The parameters of a `pytree` by their names in the file; none of None."""
+    return {f"{prefix}/{name}": getattr(value, name) for name in _names(value)} if value is not None else {}
+
+
+def _built(kind: type, prefix: str, arrays: dict[str, Any], **structure: Any) -> Any:
+    """A `pytree` of its parameters in the file; one that the file has not, being older, is as `kind` has it."""
+    found = {name: arrays.pop(f"{prefix}/{name}") for name in _names(kind) if f"{prefix}/{name}" in arrays}
+    return kind(**found, **structure)
+
+
+def _names(of: Any) -> list[str]:
+    return [f.name for f in fields(of) if not f.metadata.get("static")]
 
 
 def _taken(arrays: dict[str, Any], name: str, shape: tuple[int, ...]) -> Any:

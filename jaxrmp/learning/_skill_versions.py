@@ -7,7 +7,7 @@ import numpy as np
 from .._errors import SkillFileError
 from .._rotations import nearest_rotation
 
-VERSION = 3
+VERSION = 4
 
 
 class SkillContent(NamedTuple):
@@ -28,7 +28,7 @@ def up_to_date(content: SkillContent) -> SkillContent:
             f"it is of version {version!r}; this jaxrmp reads versions 1 to {VERSION}. It was written by jaxrmp "
             f"{content.header.get('jaxrmp', 'unknown')}: use that or a newer one, or learn the skill again."
         )
-    for migrate in (_from_1_to_2, _from_2_to_3)[version - 1 :]:
+    for migrate in (_from_1_to_2, _from_2_to_3, _from_3_to_4)[version - 1 :]:
         content = migrate(content)
     return content
 
@@ -60,3 +60,15 @@ def _from_2_to_3(content: SkillContent) -> SkillContent:
         )
     R = nearest_rotation(targets.T @ offsets).astype(targets.dtype)
     return SkillContent(header, arrays | {"R_object_hand": R})
+
+
+def _from_3_to_4(content: SkillContent) -> SkillContent:
+    """The configuration has the gains of the joints' leaves by leaf, under the leaf's own names."""
+    header, arrays = content
+    policy = dict(header["configuration"]["policy"])
+    for leaf in ("joint_damping", "joint_limit"):
+        given = [key for key in policy if key.startswith(f"{leaf}_")]
+        policy[leaf] = {key.removeprefix(f"{leaf}_"): policy.pop(key) for key in given}
+    if "rate" in policy["joint_damping"]:
+        policy["joint_damping"]["damping_rate"] = policy["joint_damping"].pop("rate")
+    return SkillContent(header | {"configuration": header["configuration"] | {"policy": policy}}, arrays)

@@ -9,7 +9,7 @@ from .._forms import NaturalForm
 from .._gds import GeometricDynamicalSystem
 from .._linalg import solve_lower, solve_lower_transposed
 from .._pytree import as_pytree, pytree, set_field, static
-from .._ranges import require
+from .._ranges import NonNegative
 
 
 @pytree
@@ -34,13 +34,12 @@ class Learned(GeometricDynamicalSystem):
 
     potential_of: Callable[[jax.Array], jax.Array]
     cholesky_of: Callable[[jax.Array], jax.Array]
-    speed: jax.Array | float = 0.2
-    damping_rate: jax.Array | float = 20.0
+    speed: NonNegative[jax.Array | float] = 0.2
+    damping_rate: NonNegative[jax.Array | float] = 20.0
     name: str = static(default="learned")
     has_goal = True
 
     def __post_init__(self):
-        require(self, non_negative=("speed", "damping_rate"))
         for name in ("potential_of", "cholesky_of"):
             set_field(self, name, as_pytree(getattr(self, name)))
 

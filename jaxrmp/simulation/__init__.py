@@ -30,9 +30,6 @@ from ._physical_arm import arm_alone as arm_alone
 from ._physical_arm import arm_in_scene as arm_in_scene
 from ._rollout import Rollout as Rollout
 from ._run import run_trials as run_trials
-from ._scene_policy import ScenePolicy as ScenePolicy
-from ._scene_policy import close_spheres as close_spheres
-from ._scene_policy import whole_arm_policy as whole_arm_policy
 from ._stable_step import StiffnessWarning as StiffnessWarning
 from ._stable_step import stable_step as stable_step
 from ._stable_step import warn_if_stiff as warn_if_stiff

@@ -34,7 +34,7 @@ def run_trials(
     Every millisecond: the object's pose from the tracker, joint accelerations from the policy, cut at the velocity
     limits, torques from them cut at the torque limits, one step of MuJoCo. Trials that are over drop out.
 
-    **Arguments**: `policy`, a pytree with a method `tree(T_world_object, world)`, such as `ScenePolicy`; `criteria`,
+    **Arguments**: `policy`, a pytree with a method `tree(T_world_object, world)`, as `policies.ArmPolicy`; `criteria`,
     by default the drawer's; `tracker`, None if the object's true pose is known at all times; `interface`: "torque",
     computed torque; "velocity" or "position", the policy's accelerations integrated to commands that a loop of torques
     follows, as inside an arm; `learned_rate`, Hz, at which learned leaves are evaluated and held in between, None for

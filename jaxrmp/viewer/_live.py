@@ -24,7 +24,7 @@ STEP = 0.001
 class Situation:
     """All that a page can change; its numbers are parameters of the compiled programs.
 
-    `policy`, with a `robot` and a method `tree(T_world_target, world)`, such as `simulation.ScenePolicy`;
+    `policy`, with a `robot` and a method `tree(T_world_target, world)`, such as `policies.ArmPolicy`;
     `T_world_target` [4, 4], where the object or the goal is; `world`, the obstacles; `shares`, of the leaves' switches;
     `push`, at the hand.
     """

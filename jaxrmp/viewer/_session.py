@@ -10,7 +10,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..world import RobotSpheres, Spheres, World
+from .._pytree import single
+from ..world import Spheres, World
 from ._arm import ArmView
 from ._furniture import FurnitureView, camera_of
 from ._inputs import GainSliders, LeafSwitches
@@ -21,21 +22,19 @@ from ._obstacles import ObstacleGizmos
 from ._plots import Plots
 from ._poses import place, pose_of
 from ._push_gizmo import PushGizmo, push_of
-from ._reach import single
 from ._server import open_server
 from ._switched import switches
 
 _LOOKS = 0.25  # seconds from one look at the leaves to the next
 _FAR = 0.5  # m, beyond which a distance is no news
-_AVOIDING = ("obstacles", "collision_avoidance")  # the names of leaves that keep off obstacles
+_DISTANCES = {"to obstacles": "collision_avoidance", "to itself": "self_collision"}  # and the leaves that know them
 
 
 class Content(NamedTuple):
     """What a session is about. `policy`, with `robot` and `tree(T_world_target, world)`; `T_world_target` [4, 4] and
     `target`, what it is called; `world`, whose capsules can be dragged; `q` [n], where the arm starts; `hand`, its last
-    frame; `spheres` on the robot; `source`, the robot's file, None for the built-in Panda; `furniture`, a
-    `scenes.Scene` or None; `balls` [N, 3], draggable obstacles, and how many of them are `shown` at first; `frames`,
-    further ones whose poses are drawn; `labels` of the leaves."""
+    frame; `furniture`, a `scenes.Scene` or None; `balls` [N, 3], draggable obstacles, how many of them are `shown` at
+    first; `frames`, more of the robot's to be drawn; `labels`, of the first leaves, in place of their names."""
 
     policy: Any
     T_world_target: np.ndarray
@@ -43,8 +42,6 @@ class Content(NamedTuple):
     world: World
     q: np.ndarray
     hand: str
-    spheres: RobotSpheres | None = None
-    source: str | None = None
     furniture: Any = None
     balls: np.ndarray = np.zeros((0, 3))
     shown: int = 0
@@ -89,8 +86,8 @@ class Session:
         server.initial_camera.position, server.initial_camera.look_at = eye, looked_at
         policy = single(content.policy)
         names = switches(policy.tree(content.T_world_target, single(_with_slots(content))))
-        self.leaf_labels = content.labels if len(content.labels) == len(names) else names
-        self.arm = ArmView(server, policy.robot, content.source, content.spheres, (content.hand, *content.frames))
+        self.leaf_labels = (*content.labels, *(n.replace("_", " ") for n in names[len(content.labels) :]))
+        self.arm = ArmView(server, policy.robot, policy.spheres, (content.hand, *content.frames))
         self.target = server.scene.add_transform_controls("/target", scale=0.22, line_width=3.0, depth_test=False)
         place(self.target, content.T_world_target)
         self.furniture = FurnitureView(server, content.furniture) if content.furniture is not None else None
@@ -136,7 +133,7 @@ class Session:
 
     def _show_controls(self, server: Any) -> dict[str, Any]:
         boxes = {"hand's trace": True}
-        boxes |= {"collision spheres": False} if self.content.spheres is not None else {}
+        boxes |= {"collision spheres": False} if self.content.policy.spheres is not None else {}
         return {name: server.gui.add_checkbox(name, value) for name, value in boxes.items()}
 
     @property
@@ -298,9 +295,7 @@ class Session:
                 T = np.asarray(frame.situation.T_world_target, float)
                 distances.append(self.furniture.clearance(frame.q, T) if self.furniture else _FAR)
             else:
-                leaf = "self_collision" if name == "to itself" else None
-                found_gaps = [gap for key, gap in gaps.items() if key == leaf or (leaf is None and key in _AVOIDING)]
-                distances.append(min(found_gaps, default=_FAR))
+                distances.append(gaps.get(_DISTANCES[name], _FAR))
         watched = frame.watched
         energies = (watched.energy, watched.allowed)
         if np.isfinite(energies).all():

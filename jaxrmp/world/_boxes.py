@@ -8,7 +8,7 @@ import numpy as np
 from jax.core import Tracer
 
 from .._pytree import pytree
-from .._ranges import require
+from .._ranges import Finite, NonNegative
 from .._task_map import check_rigid
 from ._components import components, corner_derivatives, magnitude, outside_corner, rotated, to_local
 from ._obstacles import PaddedObstacles, padded, set_fields
@@ -31,14 +31,13 @@ class Boxes(PaddedObstacles):
     """
 
     T_world_box: Any
-    half_extents: Any
+    half_extents: NonNegative[Finite[Any]]
     active: Any = None
 
     def __post_init__(self):
         set_fields(self, T_world_box=(4, 4), half_extents=(3,))
         if self.size and not isinstance(self.T_world_box, Tracer):
             check_rigid(self.T_world_box, "T_world_box")
-        require(self, finite=("half_extents",), non_negative=("half_extents",))
 
     @classmethod
     def of(cls, boxes: Iterable = (), capacity: int | None = None) -> "Boxes":

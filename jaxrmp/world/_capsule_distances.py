@@ -7,10 +7,12 @@ import jax
 import jax.numpy as jnp
 
 from .._errors import ShapeError
+from .._linalg import length
 from .._pytree import pytree
+from .._ranges import Finite, NonNegative
 from .._task_map import Pushforward, TaskMap, pushforward
 from ._boxes import Boxes
-from ._components import Point, along, columns, curvature, difference, dot, gradient, length, slope
+from ._components import Point, along, columns, curvature, difference, dot, gradient, slope
 from ._cylinders import Cylinders
 from ._obstacle_distances import radii_of_points, set_radii
 from ._obstacles import FAR, Obstacles, curved_from
@@ -48,7 +50,7 @@ class CapsuleDistances(TaskMap):
     points_a: Callable[[jax.Array], jax.Array]
     points_b: Callable[[jax.Array], jax.Array]
     world: World
-    radii: Any = 0.0
+    radii: NonNegative[Finite[Any]] = 0.0
 
     def __post_init__(self):
         set_radii(self)

@@ -7,10 +7,11 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
+from .._linalg import length
 from .._pytree import pytree
-from .._ranges import require
+from .._ranges import Finite, NonNegative
 from .._task_map import check_rigid
-from ._components import corner_derivatives, length, length_derivatives, magnitude, outside_corner, rotated, to_local
+from ._components import corner_derivatives, length_derivatives, magnitude, outside_corner, rotated, to_local
 from ._obstacles import PaddedObstacles, padded, set_fields
 
 
@@ -32,15 +33,14 @@ class Cylinders(PaddedObstacles):
     """
 
     T_world_cylinder: Any
-    radius: Any
-    half_length: Any
+    radius: NonNegative[Finite[Any]]
+    half_length: NonNegative[Finite[Any]]
     active: Any = None
 
     def __post_init__(self):
         set_fields(self, T_world_cylinder=(4, 4), radius=(), half_length=())
         if self.size and not isinstance(self.T_world_cylinder, Tracer):
             check_rigid(self.T_world_cylinder, "T_world_cylinder")
-        require(self, finite=("radius", "half_length"), non_negative=("radius", "half_length"))
 
     @classmethod
     def of(cls, cylinders: Iterable = (), capacity: int | None = None) -> "Cylinders":

@@ -10,7 +10,7 @@ from jax.core import Tracer
 
 from .._errors import ConfigurationError
 from .._pytree import pytree, set_field
-from .._ranges import require
+from .._ranges import Finite
 from ._components import components, dot
 from ._obstacles import PaddedObstacles, padded, set_fields
 
@@ -29,13 +29,12 @@ class HalfSpaces(PaddedObstacles):
     [0.5]
     """
 
-    normal: Any
-    offset: Any
+    normal: Finite[Any]
+    offset: Finite[Any]
     active: Any = None
 
     def __post_init__(self):
         set_fields(self, normal=(3,), offset=())
-        require(self, finite=("normal", "offset"))
         numerics: Any = jnp if isinstance(self.normal, jax.Array) else np
         size = numerics.sqrt((self.normal * self.normal).sum(-1))
         if not isinstance(size, Tracer) and (np.asarray(size) == 0).any():

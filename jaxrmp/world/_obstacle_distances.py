@@ -9,15 +9,13 @@ import numpy as np
 
 from .._errors import ShapeError
 from .._forms import DiagonalForm, NaturalForm
-from .._one_loop import one_loop
 from .._pytree import pytree, set_field
-from .._ranges import require
+from .._ranges import Finite, NonNegative
 from .._task_map import Pushforward, TaskMap, Transport, pull_form, pushforward, transport
+from ..xla import one_loop
 from ._components import Point, columns, dot
 from ._obstacles import FAR, PaddedObstacles
 from ._world import World
-
-_FEW = 32  # obstacles, which a scalar program can sum over
 
 
 @pytree
@@ -38,7 +36,7 @@ class ObstacleDistances(TaskMap):
 
     points: Callable[[jax.Array], jax.Array]
     world: World
-    radii: Any = 0.0
+    radii: NonNegative[Finite[Any]] = 0.0
 
     def __post_init__(self):
         set_radii(self)
@@ -98,25 +96,17 @@ def _of_one(slot, radius, p, v):
 _pairs = one_loop(_of_one, (None, 0, 0, 0), (0, None, None, None))
 
 
-def _ask(f, d, g, bend):
-    """Force and metric at a point for a distance there: `f n`, and the lower triangle of `d n n^T`, row by row."""
+def _of_distances(f, d, g, bend):
+    """What distances [O] ask of a point together: `f n`, and the lower triangle of `d n n^T`, row by row, summed up."""
     force = f - d * bend
     weighted = [d * n for n in g]
-    return (*(force * n for n in g), *(weighted[i] * g[j] for i in range(3) for j in range(i + 1)))
-
-
-def _summed(f, d, g, bend):
-    """What distances [O] ask of a point together."""
+    parts = (*(force * n for n in g), *(weighted[i] * g[j] for i in range(3) for j in range(i + 1)))
     # As products with ones: a reduction over a short last axis is no loop that XLA:CPU vectorises.
     ones = jnp.ones(f.shape, f.dtype)
-    return [part @ ones for part in _ask(f, d, g, bend)]
+    return [part @ ones for part in parts]
 
 
-def _asked(f, d, g, bend):
-    """What distances [K, O] ask of K points."""
-    if f.shape[1] <= _FEW:
-        return one_loop(_summed, (0,) * 4)(f, d, g, bend)
-    return [jnp.sum(part, axis=1) for part in one_loop(_ask, (0,) * 4, (1,) * 4)(f, d, g, bend)]
+_asked = one_loop(_of_distances, (0,) * 4)
 
 
 @one_loop
@@ -134,10 +124,9 @@ def carried(d: jax.Array, g: Point, bend: jax.Array, at: Pushforward) -> Pushfor
 
 
 def set_radii(distances: Any) -> None:
-    """Make an array of the `radii` of a map to distances. **Raises** `ConfigurationError` if one is negative."""
+    """Make an array of the `radii` of a map to distances."""
     radii = distances.radii
     set_field(distances, "radii", radii if isinstance(radii, jax.Array) else np.asarray(radii, dtype=float))
-    require(distances, finite=("radii",), non_negative=("radii",))
 
 
 def radii_of_points(radii: Any, p: jax.Array) -> jax.Array:

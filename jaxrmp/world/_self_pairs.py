@@ -23,7 +23,7 @@ def self_pairs(
     frames that it may touch, as in an XRDF's `self_collision`; each holds both ways.
     **Returns** pairs (i, j), i < j, for `SelfDistances`. **Raises** `UnknownNameError` for a frame that is not there.
     """
-    links = {name: _link(robot, name) for name in frames}
+    links = {name: link_of(robot, name) for name in frames}
     touching = {frozenset(pair) for pair in _neighbours(robot)}
     for name, others in (ignore or {}).items():
         touching |= {frozenset((_name_of(robot, name), _name_of(robot, other))) for other in others}
@@ -72,7 +72,7 @@ def _name_of(robot: Robot, name: str) -> str:
     return name
 
 
-def _link(robot: Robot, name: str) -> int:
+def link_of(robot: Robot, name: str) -> int:
     """The body that carries the frame and all that is rigidly joined to it."""
     return _rigid_root(robot, robot.model.frames[robot.frame_index(name)].body)
 

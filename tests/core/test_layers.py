@@ -35,27 +35,30 @@ OWNERS = {"learning/_metric_network.py": {"flax"}, "learning/_metric_training.py
 OWNING_PARTS = {"synthetic": {"scipy"}, "visualization": {"matplotlib", "mpl_toolkits"}}
 LAZY_IN_CORE = {"kinematics/_mujoco.py": {"mujoco"}}
 
-# Which parts of jaxrmp a part may import, itself and the core (`jaxrmp/*.py`) aside.
+# Which parts of jaxrmp a part may import, itself, the core (`jaxrmp/*.py`) and the machinery below it aside.
 LAYERS = {
+    "xla": set(),
     "core": {"leaves", "kinematics", "inspection", "world"},  # for re-export by jaxrmp/__init__.py, checked below
     "leaves": set(),
     "kinematics": set(),
     "world": {"kinematics"},
     "inspection": set(),
+    "policies": {"leaves", "kinematics", "world"},
     "io": {"kinematics", "leaves", "world"},
     "scenes": {"kinematics", "world"},
     "simulation": {"inspection", "kinematics", "leaves", "scenes", "world"},
     "learning": {"leaves", "kinematics", "simulation"},
     "synthetic": {"kinematics", "learning"},
     "reports": set(),
-    "evaluation": {"leaves", "kinematics", "learning", "reports", "scenes", "simulation", "world"},
+    "evaluation": {"leaves", "kinematics", "learning", "policies", "reports", "scenes", "simulation", "world"},
     "visualization": {"evaluation", "inspection", "leaves", "kinematics", "learning", "scenes", "simulation"},
-    "viewer": {"inspection", "kinematics", "leaves", "learning", "scenes", "simulation", "world"},
+    "viewer": {"inspection", "kinematics", "leaves", "learning", "policies", "scenes", "simulation", "world"},
     "cli": {
         "evaluation",
         "leaves",
         "kinematics",
         "learning",
+        "policies",
         "reports",
         "scenes",
         "simulation",
@@ -122,14 +125,16 @@ def test_a_module_imports_only_what_its_layer_may(path):
         if root == "jaxrmp":
             target = part_of(below)
             if target != part:
-                expected = {"core", *LAYERS[part]}
+                expected = {"core", "xla", *LAYERS[part]}
                 assert target in expected, f"{name_of(path)} imports {imported}; {part} may import {sorted(expected)}"
-            if part == "core" and target != "core":
+            if part == "xla" and target == "core":
+                assert below[0] == "_errors", f"{name_of(path)} imports {imported}; it is below the core"
+            if part == "core" and target not in ("core", "xla"):
                 assert name_of(path) == "__init__.py", f"{name_of(path)} imports {imported}"
         elif root not in sys.stdlib_module_names:
             if top:
                 assert root in allowed, f"{name_of(path)} imports {imported} at module level"
-            elif part in ("core", "leaves", "kinematics"):
+            elif part in ("core", "leaves", "kinematics", "xla"):
                 assert root in allowed | LAZY_IN_CORE.get(name_of(path), set()), f"{name_of(path)} imports {imported}"
 
 
@@ -138,6 +143,28 @@ def test_the_walk_sees_the_imports_it_judges():
     assert (True, "jaxrmp._pytree.pytree") in seen
     assert (True, "flax.linen") in seen
     assert (False, "mujoco") in seen and (True, "mujoco") not in seen
+
+
+def test_parts_that_need_optional_packages_are_there_on_first_use():
+    lazy = (
+        {p.name for p in PACKAGE.iterdir() if p.is_dir() and any(p.glob("*.py"))} - LAYERS["core"] - {"leaves", "cli"}
+    )
+    program = f"""
+import sys, jaxrmp
+assert set({sorted(lazy)}) <= set(dir(jaxrmp)) and not any("jaxrmp." + name in sys.modules for name in {sorted(lazy)})
+assert jaxrmp.learning.load_skill is sys.modules["jaxrmp.learning"].load_skill
+assert jaxrmp.policies.damping().weight == 0.02
+try:
+    jaxrmp.lerning
+except AttributeError as error:
+    assert "'jaxrmp' has no attribute 'lerning'" in str(error)
+else:
+    raise AssertionError("a name that is not there")
+"""
+    run = subprocess.run(
+        [sys.executable, "-c", program], check=False, capture_output=True, text=True, cwd=PACKAGE.parent
+    )
+    assert run.returncode == 0, run.stderr
 
 
 def test_every_part_has_a_layer():

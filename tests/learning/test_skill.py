@@ -133,7 +133,7 @@ def test_files_that_are_no_whole_skill_of_this_version_are_refused(skill, tmp_pa
         if damage == "version":
             header["version"] = 99
             expected = (
-                "version 99; this jaxrmp reads versions 1 to 3. It was written by jaxrmp .* a newer one, or learn"
+                "version 99; this jaxrmp reads versions 1 to 4. It was written by jaxrmp .* a newer one, or learn"
             )
         elif damage == "extra":
             header["mystery"] = 1
@@ -169,8 +169,18 @@ def rewritten(path, change):
     return path
 
 
+def as_version_3(header, arrays):
+    header["version"] = 3
+    policy = header["configuration"]["policy"]
+    damping, limit = policy.pop("joint_damping"), policy.pop("joint_limit")
+    policy |= {"joint_damping_weight": damping["weight"], "joint_damping_rate": damping["damping_rate"]}
+    gains = {"weight": 0.01, "sigma": 0.1, "barrier": 0.01, "reach": 0.1, "frequency": 50.0} | limit
+    policy |= {f"joint_limit_{name}": value for name, value in gains.items()}
+
+
 def as_version_2(header, arrays, early=False):
     """As the last, or the first, that wrote version 2 did."""
+    as_version_3(header, arrays)
     header["version"] = 2
     del arrays["R_object_hand"]
     if early:
@@ -184,15 +194,20 @@ def as_version_1(header, arrays):
     del arrays["joint_limit/frequency"], header["configuration"]["policy"]["joint_limit_frequency"]
 
 
-@pytest.mark.parametrize("earlier", [as_version_1, partial(as_version_2, early=True), as_version_2])
+@pytest.mark.parametrize("earlier", [as_version_1, partial(as_version_2, early=True), as_version_2, as_version_3])
 def test_files_of_earlier_versions_are_brought_up_to_date(skill, tmp_path, earlier):
     R = rotation_of_vector(np.array([0.5, -1.0, 2.0]))
     skill = replace(skill, targets=jnp.asarray(OFFSETS @ R.T + 0.1, jnp.float32))
     loaded = load_skill(rewritten(save_skill(skill, tmp_path / "old.skill.npz"), earlier))
-    np.testing.assert_allclose(loaded.R_object_hand, R, atol=1e-5)
+    np.testing.assert_allclose(loaded.R_object_hand, skill.R_object_hand if earlier is as_version_3 else R, atol=1e-5)
     assert loaded.R_object_hand.dtype == jnp.float32
-    metric = loaded.configuration.metric
-    assert (metric.reach, metric.convergence) == ((0.05, 0.1) if earlier is as_version_2 else (0.0, 1e6))
+    metric, policy = loaded.configuration.metric, loaded.configuration.policy
+    late = earlier in (as_version_2, as_version_3)
+    assert (metric.reach, metric.convergence) == ((0.05, 0.1) if late else (0.0, 1e6))
+    assert policy.joint_damping == skill.configuration.policy.joint_damping
+    assert policy.joint_limit["barrier"] == 0.01 and ("frequency" in policy.joint_limit) == (
+        earlier is not as_version_1
+    )
     same = replace(loaded, R_object_hand=skill.R_object_hand, configuration=skill.configuration)
     assert jax.tree.structure(same) == jax.tree.structure(skill)
     for a, b in zip(jax.tree.leaves(skill), jax.tree.leaves(same), strict=True):
@@ -208,10 +223,10 @@ def test_an_earlier_skill_that_does_not_say_how_the_hand_is_turned_is_refused(sk
         load_skill(rewritten(path, as_version_2))
 
 
-@pytest.mark.parametrize("version", [0, 4, "3", None, True])
+@pytest.mark.parametrize("version", [0, 5, "4", None, True])
 def test_versions_that_are_none_are_refused(skill, tmp_path, version):
     path = save_skill(skill, tmp_path / "odd.skill.npz")
-    with pytest.raises(SkillFileError, match=f"version {version!r}; this jaxrmp reads versions 1 to 3"):
+    with pytest.raises(SkillFileError, match=f"version {version!r}; this jaxrmp reads versions 1 to 4"):
         load_skill(rewritten(path, lambda header, arrays: header.update(version=version)))
 
 

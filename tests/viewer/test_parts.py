@@ -187,10 +187,12 @@ def test_gains_are_found_and_set_without_changing_their_shape():
     from jaxrmp._pytree import single
     from jaxrmp.viewer import reach_content
 
-    policy = single(reach_content(apart=False).policy)
-    assert {"reach.gain", "turn.stiffness", "avoidance.barrier"} <= {gain.path for gain in gains_of(policy)}
-    changed = with_gain(policy, "reach.gain", 9.0)
-    assert gain_value(changed, "reach.gain") == 9.0 and gain_value(policy, "reach.gain") != 9.0
+    policy = single(reach_content(self_collision=False).policy)
+    assert {"hand_position.gain", "hand_orientation.stiffness", "collision_avoidance.barrier"} <= {
+        gain.path for gain in gains_of(policy)
+    }
+    changed = with_gain(policy, "hand_position.gain", 9.0)
+    assert gain_value(changed, "hand_position.gain") == 9.0 and gain_value(policy, "hand_position.gain") != 9.0
     assert jax.tree.structure(changed) == jax.tree.structure(policy)
     like = [(np.shape(a), np.asarray(a).dtype) for a in jax.tree.leaves(policy)]
     assert [(np.shape(a), np.asarray(a).dtype) for a in jax.tree.leaves(changed)] == like
@@ -200,7 +202,7 @@ def test_the_arms_shapes_have_the_size_of_its_geometry():
     pytest.importorskip("trimesh")
     from jaxrmp.kinematics import PANDA_MODEL
     from jaxrmp.viewer._shapes import seen, shapes_of
-    from jaxrmp.world._robot_spheres import geometry_of_model
+    from jaxrmp.world import geometry_of_model
 
     model = geometry_of_model(PANDA_MODEL)
     shapes = shapes_of(model, seen(model))
@@ -253,14 +255,14 @@ def test_the_loop_tells_the_watch_of_a_change_from_outside_and_of_no_other(monke
     pytest.importorskip("viser")
     from jaxrmp.viewer import reach_content
 
-    content = reach_content(balls=0, apart=False)
+    content = reach_content(balls=0, self_collision=False)
     shares = np.ones(len(switches(content.policy.tree(content.T_world_target, content.world))), np.float32)
     push = Push(np.zeros(3, np.float32), np.float32(0), np.float32(0))
     goal = content.T_world_target.astype(np.float32)
     given = [Situation(content.policy, goal, content.world, shares, push)]
     loop = LiveLoop(lambda: replace(given[-1]), content.q, ("panda_hand",), content.hand)
     told, see = [], loop._watch.see
-    monkeypatch.setattr(loop._watch, "see", lambda reading, changed: told.append(changed) or see(reading, changed))
+    monkeypatch.setattr(loop._watch, "see", lambda *seen, **how: told.append(seen[1]) or see(*seen, **how))
     for moved in (False, False, True, False):
         if moved:
             given.append(replace(given[-1], T_world_target=goal + np.float32(0.1) * np.eye(4, k=3, dtype=np.float32)))

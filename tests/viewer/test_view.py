@@ -7,6 +7,7 @@ import pytest
 
 from jaxrmp.kinematics import forward_kinematics, panda
 from jaxrmp.scenes import scene
+from jaxrmp.world import Spheres, World
 
 
 @pytest.fixture(scope="module")
@@ -82,10 +83,11 @@ def test_gains_and_switches_change_the_policy_without_compiling_it_again(viewer,
 
     page = page_of(viewer)
     compiled = advance._cache_size()
-    slider = viewer.gains.slider("skill.learned.speed")
+    slider = viewer.gains.slider("learned.speed")
     set_control(page, slider, 0.4)
     page.wait(
-        lambda: np.allclose(viewer.loop.frame.situation.policy.skill.learned.speed, 0.4, atol=0.01), "the faster policy"
+        lambda: np.allclose(viewer.loop.frame.situation.policy.tasks[0].learned.speed, 0.4, atol=0.01),
+        "the faster policy",
     )
     learned = viewer.switches.boxes[:3]
     for box in learned:
@@ -168,4 +170,6 @@ def test_a_skill_without_its_demonstrations_can_still_be_shown(viewer):
     from jaxrmp.viewer import skill_content
 
     content = skill_content(replace(viewer.skill), panda(), None, balls=1)
-    assert content.labels[-1] == "obstacles"
+    around = World(spheres=Spheres.of([(content.balls[0], 0.1)]))
+    names = [leaf.name for leaf in content.policy.tree(content.T_world_target, around).leaves()]
+    assert names[-1] == "collision_avoidance" and viewer.leaf_labels[3:5] == ("joint damping", "joint limit")

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from jaxrmp import DiagonalForm, NaturalForm, RigidTransform, Translation, certificate, compose, pullback, transport
-from jaxrmp._materialise import concatenated, materialise
 from jaxrmp._task_map import pull_form, pushforward_by_autodiff, transport_by_jacobian
 from jaxrmp.kinematics import ControlPoints, load_robot
 from jaxrmp.leaves import CollisionAvoidance, Damping
 from jaxrmp.world import ObstacleDistances, SelfDistances
+from jaxrmp.xla import concatenated, materialise
 
 from .conftest import moving_points, random_poses, random_state, random_world
 

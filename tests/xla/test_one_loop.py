@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from jax import lax
 
-from jaxrmp._one_loop import one_loop
-from jaxrmp._scalar_program import NotScalar, scalar_program
+from jaxrmp.xla import one_loop
+from jaxrmp.xla._scalar_program import NotScalar, scalar_program
 
 STATES = 100
 RNG = np.random.default_rng(0)

@@ -14,7 +14,9 @@ import jax
 import numpy as np
 from jax.experimental.xla_metadata import set_xla_metadata
 
-from ._errors import ShapeError
+from .._errors import ShapeError
+from ._plan import logger
+from ._switch import is_on
 
 _ONE_KERNEL = functools.partial(set_xla_metadata, inlineable="false", xla_cpu_small_call="true")
 _OPTIONS = {"xla_cpu_experimental_ynn_fusion_type": ""}  # matrix products as calls do not go into a kernel
@@ -36,10 +38,12 @@ class _Slot(NamedTuple):
 class Compiled:
     """A compiled `function` of arguments with the shapes and types of `examples`; what `compiled` returns.
 
-    Any number of threads may call it; they take turns. `one_kernel` says whether XLA made one kernel of the program.
+    Any number of threads may call it; they take turns. `one_kernel` says whether XLA made one kernel of the program,
+    and `reason` why not.
     """
 
     one_kernel: bool
+    reason: str
 
     def __init__(self, function: Callable[..., Any], examples: tuple[Any, ...]):
         leaves, self._structure = jax.tree.flatten(examples)
@@ -53,7 +57,8 @@ class Compiled:
             return function(*jax.tree.unflatten(self._structure, values))
 
         on_device = [leaf for leaf, slot in zip(leaves, slots, strict=True) if slot is None]
-        self._program, self.one_kernel = _compiled(unpacked, *self._buffers, *on_device)
+        self._program, self.reason = _compiled(unpacked, *self._buffers, *on_device)
+        self.one_kernel = not self.reason
 
     def __call__(self, *arguments: Any) -> Any:
         leaves, structure = jax.tree.flatten(arguments)
@@ -141,13 +146,18 @@ def _fitting(leaf: Any, shape: tuple[int, ...], dtype: np.dtype) -> np.ndarray:
     return array
 
 
-def _compiled(function: Callable[..., Any], *arguments: Any) -> tuple[Callable[..., Any], bool]:
-    """The program, and whether it is one kernel: what XLA:CPU cannot put into one, it compiles as it always does."""
-    inner = jax.jit(function)
-    if jax.default_backend() == "cpu":
+def _compiled(function: Callable[..., Any], *arguments: Any) -> tuple[Callable[..., Any], str]:
+    """The program, and why it is not one kernel: what XLA:CPU cannot put into one, it compiles as it always does."""
+    inner, reason = jax.jit(function), ""
+    if jax.default_backend() != "cpu":
+        reason = f"made for a CPU; this is a {jax.default_backend()}"
+    elif not is_on():
+        reason = "the machinery is off"
+    else:
         whole = jax.jit(lambda *a: jax.tree.map(_ONE_KERNEL, inner(*a)), compiler_options=_OPTIONS)
         try:
-            return whole.lower(*arguments).compile(), True
-        except jax.errors.JaxRuntimeError:
-            pass
-    return inner.lower(*arguments).compile(), False
+            return whole.lower(*arguments).compile(), ""
+        except jax.errors.JaxRuntimeError as error:
+            reason = str(error)
+            logger.info("%s is not one kernel: %s", getattr(function, "__qualname__", function), reason)
+    return inner.lower(*arguments).compile(), reason

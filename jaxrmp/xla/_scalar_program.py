@@ -38,7 +38,7 @@ Number = np.generic
 
 
 class NotScalar(Exception):
-    """A function that is not worth taking apart into scalars, or cannot be."""
+    """A function that is not worth taking apart into scalars, or cannot be; the message says why."""
 
 
 class Operation(NamedTuple):
@@ -59,10 +59,19 @@ class Input(NamedTuple):
 
 
 class ScalarProgram(NamedTuple):
-    """`steps`, each an input or an operation on what is above it, and for each output its entries: steps or numbers."""
+    """`steps`, each an input or an operation on what is above it, and for each output its entries: steps or numbers.
+
+    `constants` are arguments behind the function's own.
+    """
 
     steps: list[Input | Operation]
     outputs: list[np.ndarray]
+    constants: tuple[np.ndarray, ...] = ()
+
+    @property
+    def operations(self) -> int:
+        """How many scalar operations there are."""
+        return sum(isinstance(step, Operation) for step in self.steps)
 
     def computes(self, entry: "int | Number") -> bool:
         """Whether an entry of an output is neither a number nor an entry of an argument as it came."""
@@ -88,8 +97,11 @@ class ScalarProgram(NamedTuple):
 def scalar_program(closed: ClosedJaxpr) -> ScalarProgram:
     """Take a function apart. **Raises** `NotScalar` if it is too large, or holds what is not arithmetic."""
     results: Sequence[Any] = closed.out_avals
-    if sum(a.size for a in results) > _MOST_RESULTS or any(a.dtype.kind not in "biuf" for a in results):
-        raise NotScalar
+    count = sum(a.size for a in results)
+    if count > _MOST_RESULTS:
+        raise NotScalar(f"too many results ({count:,} > {_MOST_RESULTS})")
+    if any(a.dtype.kind not in "biuf" for a in results):
+        raise NotScalar(f"results of type {', '.join(str(a.dtype) for a in results if a.dtype.kind not in 'biuf')}")
     builder = _Builder()
     arguments = []
     values: Sequence[Any] = closed.in_avals
@@ -97,6 +109,24 @@ def scalar_program(closed: ClosedJaxpr) -> ScalarProgram:
         arguments.append(_entries([builder.step(Input(k, i, a.dtype)) for i in range(a.size)], a.shape))
     outputs = builder.run(closed.jaxpr, [builder.numbers(c) for c in closed.consts], arguments)
     return _only_needed(builder.steps, outputs)
+
+
+def coordinate_program(closed: ClosedJaxpr) -> tuple[ScalarProgram, int]:
+    """The program for one coordinate of a function of vectors of one length, elementwise throughout; and that length.
+
+    **Raises** `NotScalar` for any other function.
+    """
+    lengths = {a.shape for a in closed.out_avals}
+    if len(lengths) != 1 or len(length := next(iter(lengths))) != 1:
+        raise NotScalar("results that are not vectors of one length")
+    builder = _Coordinate(length)
+    arguments = []
+    for k, a in enumerate(closed.in_avals):
+        arguments.append(_entries([builder.step(Input(k, 0, a.dtype))], builder.thin(a.shape)))
+    builder.first_constant = len(arguments)
+    outputs = builder.run(closed.jaxpr, [builder.numbers(c) for c in closed.consts], arguments)
+    program = _only_needed(builder.steps, [o.reshape(()) for o in outputs])
+    return program._replace(constants=tuple(builder.constants)), length[0]
 
 
 def _entries(values: Sequence[Any], shape: tuple[int, ...]) -> np.ndarray:
@@ -121,8 +151,10 @@ class _Builder:
         if key in self._places:
             return self._places[key]
         depth = 1 + max((self._depths[x] for x in operands if isinstance(x, int)), default=0)
-        if len(self.steps) >= _MOST or depth > _DEEPEST:
-            raise NotScalar
+        if len(self.steps) >= _MOST:
+            raise NotScalar(f"more than {_MOST:,} operations")
+        if depth > _DEEPEST:
+            raise NotScalar(f"a chain of more than {_DEEPEST} operations")
         self._places[key] = len(self.steps)
         self.steps.append(step)
         self._depths.append(depth)
@@ -131,7 +163,7 @@ class _Builder:
     def numbers(self, value: Any, dtype: Any = None) -> np.ndarray:
         value = np.asarray(value, dtype)
         if value.size > _MOST:
-            raise NotScalar
+            raise NotScalar(f"more than {_MOST:,} numbers in an array")
         return _entries([value.dtype.type(x) for x in value.reshape(-1)], value.shape)
 
     def run(self, jaxpr: Jaxpr, consts: Sequence[np.ndarray], arguments: Sequence[np.ndarray]) -> list[np.ndarray]:
@@ -176,7 +208,7 @@ class _Builder:
                     return [operands[0]]
                 fixed = (("new_dtype", parameters["new_dtype"]), ("sharding", None), ("weak_type", False))
             return [self._each(equation.primitive, fixed, operands, shape, dtype)]
-        raise NotScalar
+        raise NotScalar(f"holds `{name}`")
 
     def _each(self, primitive, parameters, operands, shape, dtype) -> np.ndarray:
         flat = [np.broadcast_to(x, shape).reshape(-1) for x in operands]
@@ -222,7 +254,7 @@ class _Builder:
         free_a = [i for i in range(a.ndim) if i not in (*over_a, *batch_a)]
         free_b = [i for i in range(b.ndim) if i not in (*over_b, *batch_b)]
         if b.size * math.prod(a.shape[i] for i in free_a) > _MOST:
-            raise NotScalar
+            raise NotScalar(f"a product of more than {_MOST:,} operations")
         A = a.transpose([*batch_a, *free_a, *over_a])
         B = b.transpose([*batch_b, *free_b, *over_b])
         batch, n = A.shape[: len(batch_a)], math.prod(a.shape[i] for i in over_a)
@@ -242,7 +274,7 @@ class _Builder:
         rest = [i for i in range(a.ndim) if i not in axes]
         rows = a.transpose([*rest, *axes]).reshape(math.prod(shape), -1)
         if not rows.shape[1]:
-            raise NotScalar
+            raise NotScalar(f"`{name}` of nothing")
         return _entries([self._folded(primitive, row, dtype) for row in rows], shape)
 
     def _folded(self, primitive, values, dtype) -> "int | Number":
@@ -250,6 +282,40 @@ class _Builder:
         for value in values[1:]:
             total = self.operation(primitive, (), (total, value), dtype)
         return total
+
+
+class _Coordinate(_Builder):
+    """Takes vectors of the given length as vectors of one entry, where all that is done to them is elementwise."""
+
+    def __init__(self, length: tuple[int, ...]):
+        super().__init__()
+        self._length, self.first_constant, self.constants = length, 0, []
+
+    def thin(self, shape: tuple[int, ...]) -> tuple[int, ...]:
+        if shape not in ((), self._length):
+            raise NotScalar(f"an array {shape} in a function of vectors {self._length}")
+        return (1,) if shape else ()
+
+    def numbers(self, value, dtype=None):
+        value = np.asarray(value, dtype)
+        if not self.thin(value.shape):
+            return super().numbers(value)
+        if (value == value[0]).all():
+            return super().numbers(value[:1])
+        self.constants.append(value)
+        place = self.step(Input(self.first_constant + len(self.constants) - 1, 0, value.dtype))
+        return _entries([place], (1,))
+
+    def _equation(self, equation, operands):
+        name, shape = equation.primitive.name, self.thin(equation.outvars[0].aval.shape)
+        if name == "broadcast_in_dim":
+            return [np.broadcast_to(operands[0], shape)]
+        if name not in _ELEMENTWISE and name not in _INLINED:
+            raise NotScalar(f"holds `{name}`")
+        return super()._equation(equation, operands)
+
+    def _each(self, primitive, parameters, operands, shape, dtype):
+        return super()._each(primitive, parameters, operands, self.thin(shape), dtype)
 
 
 def _broadcast(parameters, x):
@@ -269,7 +335,7 @@ def _slice(parameters, x):
 def _pad(parameters, x, value):
     widths = [(low, high) for low, high, _ in parameters["padding_config"]]
     if np.min(parameters["padding_config"], initial=0) < 0 or any(inner for *_, inner in parameters["padding_config"]):
-        raise NotScalar
+        raise NotScalar("`pad` that cuts off or pads between entries")
     found = np.pad(x, widths)
     found[np.pad(np.zeros(x.shape, bool), widths, constant_values=True)] = value[()]
     return [found]

@@ -14,6 +14,8 @@ import numpy as np
 from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
 
+from ._switch import is_on
+
 _materialise_p = Primitive("materialise")
 _concatenated_p = Primitive("concatenated")
 _concatenated_p.multiple_results = True
@@ -26,7 +28,7 @@ def materialise(x: jax.Array) -> jax.Array:
     identity, which is exact, makes `x` be written out. A number there that is not finite spreads as NaN over up to
     sixteen neighbours of its own state.
     """
-    return _materialise_p.bind(x.reshape(-1)).reshape(x.shape)
+    return _materialise_p.bind(x.reshape(-1)).reshape(x.shape) if is_on() else x
 
 
 def concatenated(groups: Sequence[Sequence[jax.Array]]) -> tuple[jax.Array, ...]:
@@ -37,6 +39,8 @@ def concatenated(groups: Sequence[Sequence[jax.Array]]) -> tuple[jax.Array, ...]
     """
     if not groups:
         return ()
+    if not is_on():
+        return tuple(jnp.concatenate(group) for group in groups)
     return tuple(_concatenated_p.bind(*(x for group in groups for x in group), count=len(groups)))
 
 

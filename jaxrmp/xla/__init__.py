@@ -1,0 +1,15 @@
+"""How policies run fast on this hardware, behind one switch: nothing in here changes what a policy computes.
+
+Mathematics is written as it is in the papers and says one word, `one_loop`, where it is small arithmetic that a batch
+repeats. With `machinery(False)`, or `JAXRMP_XLA=off` in the environment, that word means nothing.
+"""
+
+from ._compiled import Compiled as Compiled
+from ._compiled import compiled as compiled
+from ._cores import own_cores as own_cores
+from ._materialise import concatenated as concatenated
+from ._materialise import materialise as materialise
+from ._one_loop import one_loop as one_loop
+from ._report import Part as Part
+from ._report import report as report
+from ._switch import machinery as machinery

@@ -1,0 +1,68 @@
+"""What a batch of a function is taken apart into, and why the rest is not."""
+
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+from jax.extend.core import ClosedJaxpr, Jaxpr
+
+from ._one_loop import one_loop_p, plan_of
+from ._switch import machinery
+
+
+class Part(NamedTuple):
+    """A part of a function that says `one_loop`, as it meets it on a CPU.
+
+    `name`, as its code names it, with the class it belongs to; `taken_apart`, whether it becomes one loop;
+    `operations`, of how many scalar operations, 0 if it does not; `reason`, why it does not.
+    """
+
+    name: str
+    taken_apart: bool
+    operations: int
+    reason: str
+
+
+def report(function: Any, *examples: Any, batch: int, in_axes: int | Sequence[Any] | None = 0) -> list[Part]:
+    """The parts of `function`, mapped over a batch, that say `one_loop`: which of them become one, and why not.
+
+    Nothing is compiled, the machinery counts as on, and the platform as a CPU. What stays outside of any part, is not
+    listed; nor what derivatives make of it: they are taken of the mathematics as written.
+
+    **Arguments**: `function`, of one state; `examples`, its arguments for one state, or `jax.ShapeDtypeStruct`;
+    `batch`, how many states; `in_axes`, as of `jax.vmap`: None for an argument that is the same for all.
+    **Returns** a row for each part, in the order in which they are met.
+
+    >>> from jaxrmp.leaves import Damping
+    >>> [(part.name, part.taken_apart) for part in report(Damping().evaluate, np.zeros(7), np.zeros(7), batch=1024)]
+    [('Damping.evaluate', True)]
+    """
+    axes = in_axes if isinstance(in_axes, Sequence) else (in_axes,) * len(examples)
+    many = [example if k is None else _many(example, k, batch) for example, k in zip(examples, axes, strict=True)]
+    with machinery(True):
+        closed = jax.make_jaxpr(jax.vmap(function, in_axes=tuple(axes)))(*many)
+        return list(_parts(closed.jaxpr))
+
+
+def _many(example: Any, axis: int, batch: int) -> Any:
+    def one(x):
+        shape = list(np.shape(x))
+        shape.insert(axis, batch)
+        return jax.ShapeDtypeStruct(tuple(shape), jax.dtypes.canonicalize_dtype(getattr(x, "dtype", np.result_type(x))))
+
+    return jax.tree.map(one, example)
+
+
+def _parts(jaxpr: Jaxpr) -> Iterator[Part]:
+    for equation in jaxpr.eqns:
+        parameters = equation.params
+        if equation.primitive is one_loop_p:
+            plan = plan_of(parameters["jaxpr"], parameters["levels"], parameters["within"])
+            operations = plan.program.operations * max(plan.along, 1) if plan.program else 0
+            yield Part(parameters["name"], plan.program is not None, operations, plan.reason)
+        else:
+            for value in parameters.values():
+                for inner in value if isinstance(value, tuple | list) else (value,):
+                    if isinstance(inner, ClosedJaxpr | Jaxpr):
+                        yield from _parts(inner.jaxpr if isinstance(inner, ClosedJaxpr) else inner)

@@ -1,0 +1,45 @@
+"""The switch: with the machinery, or the mathematics as written."""
+
+import os
+from contextlib import AbstractContextManager
+from typing import Any
+
+import jax
+
+from .._errors import UnknownNameError
+
+_VARIABLE, _NAMES = "JAXRMP_XLA", ("on", "off")
+
+
+def _from_environment() -> bool:
+    given = os.environ.get(_VARIABLE, "on")
+    if given not in _NAMES:
+        raise UnknownNameError(f"value of the environment variable {_VARIABLE}", given, _NAMES)
+    return given == "on"
+
+
+# JAX keeps what it traces and compiles apart by the value of such a context.
+_on: Any = jax.make_user_context(_from_environment())
+
+
+def machinery(on: bool) -> AbstractContextManager[None]:
+    """Within this context, in this thread, policies are traced with the machinery of `jaxrmp.xla` or without.
+
+    Off, what is traced and compiled is the mathematics as written: `jax.vmap` of it in a batch, and `compiled`
+    compiles as `jax.jit` does. Results are the same to rounding. A function made by `jax.jit` is traced anew where the
+    switch stands otherwise, and keeps both programs; one that `compiled` returned stays as it is.
+
+    Outside, the environment variable `JAXRMP_XLA` says it: `on`, as without it, or `off`, when jaxrmp is imported.
+
+    >>> import jax.numpy as jnp
+    >>> from jaxrmp.leaves import Damping
+    >>> with machinery(False):
+    ...     str(jax.make_jaxpr(Damping(2.0, 1.0).evaluate)(jnp.ones(2), jnp.ones(2))).count("one_loop")
+    0
+    """
+    return _on(bool(on))
+
+
+def is_on() -> bool:
+    """Whether the machinery is on."""
+    return _on.value
