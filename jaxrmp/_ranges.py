@@ -31,14 +31,19 @@ BelowOne = Annotated[T, Range(lambda value: value < 1, "a number below one")]
 Finite = Annotated[T, Range(np.isfinite, "a finite number")]
 
 
+def ranges_of(cls: type) -> list[tuple[str, Range]]:
+    """Names and ranges of the fields that declare one, in order; a field may have several."""
+    declared = [item for base in reversed(cls.__mro__) for item in inspect.get_annotations(base).items()]
+    found = [(name, r) for name, hint in declared for r in getattr(hint, "__metadata__", ())]
+    return [(name, r) for name, r in found if isinstance(r, Range)]
+
+
 def with_ranges(cls: type[T], section: str | None = None) -> type[T]:
     """Let `cls` check its fields of a range before its own `__post_init__`, NaN included; None passes.
 
     Where it is a `section` of settings, numbers must be finite besides, and lists of them must hold one at least.
     """
-    declared = [item for base in cls.__mro__ for item in inspect.get_annotations(base).items()]
-    declared = [(name, r) for name, hint in declared for r in getattr(hint, "__metadata__", ())]
-    ranges = [(name, r) for name, r in declared if isinstance(r, Range)]
+    ranges = ranges_of(cls)
     own = getattr(cls, "__post_init__", None)
 
     def __post_init__(self):
