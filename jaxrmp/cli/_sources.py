@@ -4,9 +4,12 @@ import os
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from .._errors import DemonstrationError, RobotError
 from ..kinematics import Robot, load_robot, panda
 from ..learning import Configuration, DemonstrationSet, Skill, load_demonstrations, load_skill
+from ..scenes import Scene, scene
 from ..synthetic import SYNTHETIC_TASKS, synthetic_demonstrations
 
 SYNTHETIC = "synthetic:"
@@ -34,6 +37,18 @@ def skill_and_robot(file: str | os.PathLike, named: str | None) -> tuple[Skill, 
         raise RobotError(f"the robot that the skill was learned on: {error} If it has moved: --robot FILE.") from error
     skill.check_robot(robot)
     return replace(skill, configuration=configuration), robot
+
+
+def scene_of(named: str, skill: Skill) -> Scene:
+    """The scene of a name or file, its object where the skill has it.
+
+    **Raises** what `scenes.scene` raises, `RobotError` for another robot than the skill's, `ConfigurationError` for
+    another object.
+    """
+    place = scene(named, T_world_object=np.asarray(skill.T_world_object, float))
+    place.check_object(skill.configuration.object, skill.configuration.name)
+    skill.check_robot(place.robot)
+    return place
 
 
 def default_demonstrations(skill: str) -> str:

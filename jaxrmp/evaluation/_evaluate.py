@@ -10,10 +10,10 @@ from .._task_map import Selection
 from .._tree import Node, pullback
 from ..kinematics import ControlPoints, Robot, panda
 from ..learning import Skill
-from ..simulation import Engine, Outcomes, Problem, StopCriteria, largest_batch, simulate, whole_arm_policy
+from ..simulation import End, Engine, Outcomes, Problem, StopCriteria, largest_batch, simulate, whole_arm_policy
 from ..world import SelfDistances, World, panda_self_pairs, panda_spheres
 from ._distribution import shared_out
-from ._ends import End, Ends, classify_ends, where
+from ._ends import Ends, classify_ends, where
 from ._stability import CertificateWatch
 
 

@@ -1,16 +1,22 @@
-"""What all scenes are made of: the arm with its fingers held, the floor and the light, boxes and frames."""
+"""What scenes are made of: the arm with its fingers held, the floor and the light, boxes and frames."""
 
 from typing import Any
 
 import numpy as np
 
-from ..kinematics import PANDA_MODEL
+from .._task_map import check_rigid
+from ..kinematics import PANDA_MODEL, panda
 from ..kinematics._mujoco import import_mujoco
 
 FINGER_WIDTH = 0.04  # each finger's joint, m: as `panda()` fixes them and as the recordings of the paper have them
 WOOD = [0.76, 0.6, 0.42, 1.0]
 LIGHT_WOOD = [0.86, 0.74, 0.58, 1.0]
 METAL = [0.35, 0.36, 0.38, 1.0]
+
+
+def on_panda() -> dict[str, Any]:
+    """What every scene with the built-in Panda says of it."""
+    return {"robot": panda(), "hand": "panda_hand_tcp", "standing": ("panda_link0", "panda_link1")}
 
 
 def arm_spec() -> Any:
@@ -28,14 +34,12 @@ def arm_spec() -> Any:
         if "finger" in joint.name:
             joint.parent.pos = np.asarray(joint.parent.pos) + FINGER_WIDTH * np.asarray(joint.axis)
             spec.delete(joint)
-    spec.option.timestep = 0.001
-    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-    spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET  # a diverged state shall be seen
+    for i, geom in enumerate(g for body in spec.bodies[1:] for g in body.geoms):
+        geom.name = geom.name or f"arm_{i}"
     spec.add_numeric(name="max_contact_points", data=[8.0])  # MJX keeps the deepest ones; each costs it time always
     spec.add_numeric(name="max_geom_pairs", data=[24.0])  # of a kind, the nearest ones, that MJX looks at for contact
     spec.visual.quality.shadowsize = 1024
     spec.visual.quality.offsamples = 0
-    spec.visual.global_.offwidth, spec.visual.global_.offheight = 1280, 960
     spec.visual.headlight.ambient = [0.35, 0.35, 0.35]
     spec.add_texture(
         name="sky",
@@ -58,6 +62,20 @@ def arm_spec() -> Any:
         conaffinity=2,  # the wrist and the hand meet it; the base stands on it
     )
     return spec
+
+
+def moved(T: np.ndarray, offset: np.ndarray, yaw: float) -> np.ndarray:
+    """A pose [4, 4] moved by `offset` [3], m, in the world, and turned by `yaw`, rad, about the vertical through it."""
+    c, s = np.cos(yaw), np.sin(yaw)
+    there = np.array(T, float)
+    there[:3, :3] = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) @ there[:3, :3]
+    there[:3, 3] += offset
+    return there
+
+
+def pose_or(T: np.ndarray | None, position: np.ndarray, yaw: float = 0.0) -> np.ndarray:
+    """The pose given, or that at `position` [3], m, turned by `yaw`, rad, about the vertical."""
+    return moved(np.eye(4), position, yaw) if T is None else check_rigid(T)
 
 
 def add_object(spec: Any, T_world_object: np.ndarray) -> Any:
