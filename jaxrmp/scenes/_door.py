@@ -15,20 +15,7 @@ from typing import Any
 import numpy as np
 
 from ..kinematics._mujoco import import_mujoco
-from ._parts import (
-    LIGHT_WOOD,
-    METAL,
-    WOOD,
-    add_body,
-    add_box,
-    add_camera,
-    add_object,
-    arm_spec,
-    moved,
-    on_panda,
-    pose_or,
-    upright,
-)
+from ._parts import LIGHT_WOOD, METAL, WOOD, add_body, add_box, before_panda, moved, on_panda, pose_or, upright
 from ._scene import Plotted, Scene
 
 APPROACH = np.array([-0.506, 0.862, 0.0]) / np.hypot(0.506, 0.862)
@@ -62,9 +49,8 @@ class Door(Scene):
 def door(T_world_object: np.ndarray | None = None) -> Door:
     """The Panda before an open cabinet door; the object is at `T_world_object` [4, 4], default as recorded."""
     T = pose_or(T_world_object, _POSE, _YAW)
-    spec = arm_spec()
-    _add_door(add_object(spec, T))
-    add_camera(spec, T[:3, 3] + [-1.15, -0.95, 0.5], T[:3, 3] + [0.15, 0.1, -0.1])
+    spec, thing = before_panda(T, [-1.15, -0.95, 0.5], [0.15, 0.1, -0.1])
+    _add_door(thing)
     return Door("door", spec, T_world_object=T, **on_panda())
 
 

@@ -20,19 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from ._parts import (
-    LIGHT_WOOD,
-    METAL,
-    WOOD,
-    add_body,
-    add_box,
-    add_camera,
-    add_object,
-    arm_spec,
-    on_panda,
-    pose_or,
-    upright,
-)
+from ._parts import LIGHT_WOOD, METAL, WOOD, add_body, add_box, before_panda, on_panda, pose_or, upright
 from ._scene import Left, Plotted, Scene
 
 PUSH = np.array([0.58, -0.81, 0.0]) / np.hypot(0.58, 0.81)
@@ -69,9 +57,8 @@ def drawer(T_world_object: np.ndarray | None = None) -> Drawer:
 
 def drawer_spec(T: np.ndarray) -> Any:
     """The editable model, its camera before an object at `T` [4, 4]."""
-    spec = arm_spec()
-    _add_drawer(add_object(spec, T))
-    add_camera(spec, T[:3, 3] + [0.75, 1.15, 0.75], T[:3, 3] + [-0.25, 0.15, 0.05])
+    spec, thing = before_panda(T, [0.75, 1.15, 0.75], [-0.25, 0.15, 0.05])
+    _add_drawer(thing)
     return spec
 
 

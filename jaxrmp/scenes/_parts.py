@@ -78,11 +78,20 @@ def pose_or(T: np.ndarray | None, position: np.ndarray, yaw: float = 0.0) -> np.
     return moved(np.eye(4), position, yaw) if T is None else check_rigid(T)
 
 
-def add_object(spec: Any, T_world_object: np.ndarray) -> Any:
-    """The body whose frame is the object's; it moves where it is put and carries all of the furniture."""
-    return spec.worldbody.add_body(
-        name="object", mocap=True, pos=T_world_object[:3, 3], quat=quaternion(T_world_object[:3, :3])
-    )
+def before_panda(T_world_object: np.ndarray, eye: Any, target: Any) -> tuple[Any, Any]:
+    """The Panda's editable model, and in it the body whose frame is the object's, which carries all of the furniture.
+
+    The camera named "view" stands at `eye` and looks at `target`, m, both from the object, along the world's axes.
+    """
+    spec, position = arm_spec(), T_world_object[:3, 3]
+    thing = spec.worldbody.add_body(name="object", mocap=True, pos=position, quat=quaternion(T_world_object[:3, :3]))
+    back = np.asarray(eye, float) - np.asarray(target, float)
+    back /= np.linalg.norm(back)
+    right = np.cross([0.0, 0.0, 1.0], back)
+    right /= np.linalg.norm(right)
+    axes = np.stack([right, np.cross(back, right), back], axis=1)
+    spec.worldbody.add_camera(name="view", pos=position + eye, quat=quaternion(axes), fovy=45.0)
+    return spec, thing
 
 
 def add_body(parent: Any, name: str, position: Any, axes: np.ndarray | None = None) -> Any:
@@ -103,16 +112,6 @@ def add_box(body: Any, name: str, center: Any, half: Any, rgba: Any, mass: float
         contype=0,
         conaffinity=int(touches),
     )
-
-
-def add_camera(spec: Any, position: Any, target: Any, degrees: float = 45.0) -> None:
-    """The camera named "view", at `position`, looking at `target`, both in the world, m."""
-    back = np.asarray(position, float) - np.asarray(target, float)
-    back /= np.linalg.norm(back)
-    right = np.cross([0.0, 0.0, 1.0], back)
-    right /= np.linalg.norm(right)
-    axes = np.stack([right, np.cross(back, right), back], axis=1)
-    spec.worldbody.add_camera(name="view", pos=position, quat=quaternion(axes), fovy=degrees)
 
 
 def quaternion(R: np.ndarray) -> np.ndarray:

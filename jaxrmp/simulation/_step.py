@@ -1,8 +1,9 @@
 """What every simulation does in a step: the policy's call, and the joints moved by what it asks for."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
+import jax.numpy as jnp
 
 from .._forms import Method
 from .._tree import Node, acceleration
@@ -26,6 +27,12 @@ class Motion(NamedTuple):
     q: jax.Array
     rest: jax.Array
     qd: jax.Array
+
+    @classmethod
+    def at_rest(cls, q: Any) -> "Motion":
+        """Standing still at `q` [n], in single precision."""
+        q = jnp.asarray(q, jnp.float32)
+        return cls(q, jnp.zeros_like(q), jnp.zeros_like(q))
 
 
 def euler(state: Motion, qdd: jax.Array, dt: jax.Array | float) -> Motion:
