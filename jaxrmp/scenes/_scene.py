@@ -306,7 +306,7 @@ class Scene:
 
     def _check(self) -> None:
         mujoco, m = import_mujoco(), self.model
-        there = {m.joint(j).name for j in range(m.njnt)}
+        there = [m.joint(j).name for j in range(m.njnt)]
         for name in (*self.robot.joint_names, *([self.joint] if self.joint else ())):
             if name not in there:
                 raise UnknownNameError(f"joint of scene {self.name!r}", name, there)
@@ -324,13 +324,13 @@ class Scene:
                     f"scene {self.name!r}: joint {name!r} has no motor of its own, which physics needs to drive it: "
                     f'<actuator><motor joint="{name}" ctrlrange="-50 50"/></actuator>, its range in N m.'
                 )
-        bodies = {m.body(b).name for b in range(m.nbody)}
+        bodies = [m.body(b).name for b in range(m.nbody)]
         if self.hand and not self._hand_is_site and self.hand not in bodies:
             raise UnknownNameError(f"hand of scene {self.name!r}", self.hand, self.robot.frame_names)
-        geoms = {m.geom(g).name for g in range(m.ngeom)}
+        geoms = [m.geom(g).name for g in range(m.ngeom)]
         for name in self.may_touch:
             if name not in geoms:
-                raise UnknownNameError(f"geometry of scene {self.name!r}", name, geoms - {""})
+                raise UnknownNameError(f"geometry of scene {self.name!r}", name, filter(None, geoms))
         if not self.object:
             return
         if self.object not in bodies:

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..kinematics._mujoco import import_mujoco
 from ..scenes import Scene
-from ._computed_torque import within_velocity_limits
+from ._computed_torque import arm_dynamics, computed_torque, within_velocity_limits
 from ._judge import End, Track
 
 
@@ -25,7 +25,6 @@ class PhysicalArm:
         n = scene.robot.num_joints
         self.torque, self.cut = np.zeros(n), np.zeros(n, bool)
         self._limit, self._speed_limit = scene.torque_limit, np.asarray(scene.robot.velocity_limit, float)
-        self._wanted, self._force = np.zeros(scene.model.nv), np.zeros(scene.model.nv)
         self._places = scene.arm_qpos, scene.arm_dofs, scene.arm_actuators, scene.gear
 
     def state(self) -> tuple[np.ndarray, np.ndarray]:
@@ -41,17 +40,10 @@ class PhysicalArm:
         self.drive(within_velocity_limits(qdd, self.data.qvel[self._places[1]], self._speed_limit))
 
     def drive(self, qdd: np.ndarray) -> None:
-        """One step with the torques that give these accelerations [n], `M qdd + bias`, cut at the torque limits.
-
-        The other joints count as free to move on their own: right for an arm that stands apart from the furniture.
-        """
+        """One step with the torques that give these accelerations [n], cut at the torque limits."""
         model, data = self.scene.model, self.data
         _, dofs, actuators, gear = self._places
-        self._wanted[dofs] = qdd
-        self._mujoco.mj_mulM(model, data, self._force, self._wanted)
-        force = self._force[dofs] + data.qfrc_bias[dofs] - data.qfrc_passive[dofs]
-        self.torque = force.clip(-self._limit, self._limit)
-        self.cut = self.torque != force
+        self.torque, self.cut = computed_torque(arm_dynamics(model, data, dofs), qdd, self._limit)
         data.ctrl[actuators] = self.torque / gear
         self.touching = int(self.scene.of_arm[data.contact.geom].any(1).sum()) if data.ncon else 0
         self._mujoco.mj_step2(model, data)

@@ -130,7 +130,7 @@ def test_a_model_that_will_not_do_is_told_of(folder):
     def of(xml, **fields):
         return scenes.Scene("mine", mujoco.MjSpec.from_string(xml), robot, **{"object": "", **fields})
 
-    fixed = text.replace("</worldbody>", '<body name="box"><geom size="0.1"/></body></worldbody>')
+    fixed = text.replace("</worldbody>", '<body name="box"><geom type="sphere" size="0.1"/></body></worldbody>')
     for call, error, message in (
         (
             lambda: of(text.replace('<motor joint="elbow"', '<position joint="elbow"')),
