@@ -45,7 +45,6 @@ class LiveTrial(PhysicalArm):
         self._cut_joints = np.zeros(len(trial.q), bool)
         self._hand, self._slow, self._least = None, False, np.inf
         self._records: list[tuple] = []
-        scene.left(self.data)  # says what the scene lacks, if anything, before all the rest
 
     @property
     def time(self) -> float:

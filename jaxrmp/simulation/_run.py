@@ -56,6 +56,7 @@ def run_trials(
     for name, value in (("limit", limit), ("hold", hold)):
         if not 0 < value < np.inf:
             raise ConfigurationError(f"{name} is {value!r}, expected a positive number.")
+    scene.left(scene.fresh())  # says what the scene lacks, if anything
     dt = float(scene.model.opt.timestep)
     every = 1 if learned_rate is None else round(1.0 / (learned_rate * dt)) if 0 < learned_rate <= 1.0 / dt else 0
     if every < 1:
