@@ -28,7 +28,7 @@ from jaxrmp.learning import (
 from jaxrmp.leaves import Damping, JointLimit, Learned, NominalPotential
 
 GUIDE = (Path(__file__).parents[2] / "docs" / "guides" / "new_scene.md").read_text(encoding="utf-8")
-START, END = np.array([-0.9, 0.9, 0.5]), np.array([0.0, 0.9, 0.2])
+START, END = np.array([-1.0, 1.5, 0.3]), np.array([-0.526, 1.605, 0.121])
 
 
 @pytest.fixture(scope="module")
