@@ -41,15 +41,14 @@ def folder(tmp_path_factory):
     robot = load_robot(out / "arm.xml")
     share = np.linspace(0, 1, 60)[:, None]
     paths = [START + d + share * (END - START - d) for d in (-0.05, 0.0, 0.05)]
-    time = np.linspace(0, 3, 60)
+    time, T = np.linspace(0, 3, 60), np.eye(4)
+    T[:3, 3] = [0.45, 0.1, 0.3]
     save_demonstrations(
         DemonstrationSet(
-            tuple(Demonstration(time, q) for q in paths), robot.joint_names, robot="planar", source="test"
+            tuple(Demonstration(time, q, {"lever": T}) for q in paths), robot.joint_names, robot="planar", source="test"
         ),
         out / "demos",
     )
-    T = np.eye(4)
-    T[:3, 3] = [0.45, 0.1, 0.3]
     hand = np.asarray(forward_kinematics(robot, jnp.asarray(END, jnp.float32), "tip"))
     way = np.stack([np.asarray(forward_kinematics(robot, q, "tip"))[:3, 3] for q in paths[1][::4]]) - hand[:3, 3]
     potential = NominalPotential(
@@ -73,7 +72,7 @@ def folder(tmp_path_factory):
         R_object_hand=jnp.asarray(hand[:3, :3]),
         frames=("tip",),
         subtasks=("tip",),
-        configuration=Configuration("push_lever", (Subtask("tip", "tip"),), robot=str(out / "arm.xml")),
+        configuration=Configuration("push_lever", (Subtask("tip", "tip"),), str(out / "arm.xml"), object="lever"),
         robot_fingerprint=robot.fingerprint,
         source=str(out / "demos"),
     )
@@ -83,7 +82,9 @@ def folder(tmp_path_factory):
 
 def test_a_skill_runs_in_it_from_the_command_line(folder, capsys):
     command = ["run", str(folder / "push.skill.npz"), "--scene", str(folder / "lever.py"), "--trials", "4"]
-    assert main([*command, "--limit", "8", "--json", str(folder / "run.json")]) == 0, capsys.readouterr().err
+    assert main([*command, "--limit", "8", "--tracker", "off", "--json", str(folder / "run.json")]) == 0, (
+        capsys.readouterr().err
+    )
     report = json.loads((folder / "run.json").read_text())
     assert report["scene"] == "lever" and report["successes"] == 4
     assert {t["reason"] for t in report["per_trial"]} == {"turned"}
@@ -105,6 +106,8 @@ def test_it_is_evaluated_in_physics(folder, place, capsys):
 
 def test_another_robots_skill_is_refused(folder, capsys):
     assert main(["run", str(folder / "push.skill.npz"), "--scene", "drawer"]) == 1
+    assert "needs object 'lever', which scene 'drawer' does not have" in capsys.readouterr().err
+    assert main(["evaluate", str(folder / "push.skill.npz"), "--robot", "panda", "--starts", "1"]) == 1
     assert "was learned on robot" in capsys.readouterr().err
 
 
