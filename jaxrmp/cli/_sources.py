@@ -4,9 +4,12 @@ import os
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from .._errors import DemonstrationError
 from ..kinematics import Robot
 from ..learning import DemonstrationSet, Skill, load_demonstrations, load_skill
+from ..scenes import Scene, scene
 from ..synthetic import SYNTHETIC_TASKS, synthetic_demonstrations
 
 SYNTHETIC = "synthetic:"
@@ -20,6 +23,18 @@ def skill_and_robot(file: str | os.PathLike, named: str | None) -> tuple[Skill, 
     skill = load_skill(file)
     robot = skill.load_robot(named)
     return replace(skill, configuration=replace(skill.configuration, robot=named)) if named else skill, robot
+
+
+def scene_of(named: str, skill: Skill) -> Scene:
+    """The scene of a name or file, its object where the skill has it.
+
+    **Raises** what `scenes.scene` raises, `RobotError` for another robot than the skill's, `ConfigurationError` for
+    another object.
+    """
+    place = scene(named, T_world_object=np.asarray(skill.T_world_object, float))
+    place.check_object(skill.configuration.object, skill.configuration.name)
+    skill.check_robot(place.robot)
+    return place
 
 
 def default_demonstrations(skill: str) -> str:

@@ -2,7 +2,6 @@
 
 from ._distribution import join_processes as join_processes
 from ._distribution import map_over_processes as map_over_processes
-from ._ends import End as End
 from ._ends import Ends as Ends
 from ._ends import classify_ends as classify_ends
 from ._evaluate import Evaluation as Evaluation

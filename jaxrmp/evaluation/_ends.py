@@ -1,6 +1,5 @@
 """What kind of end each rollout came to."""
 
-import enum
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -9,21 +8,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._tree import Node
-from ..simulation import Outcomes, Problem, Status
+from ..simulation import End, Outcomes, Problem
 
 _BATCH = 256
 _LEAST_FORCE = 1e-3  # N m (or N), what a limit must push with at least to be what holds the arm
-
-
-class End(enum.IntEnum):
-    """Kinds of ends. A rest is a stop at a joint limit if a limit leaf pushes there and nothing else is wrong."""
-
-    CONVERGED = 1
-    STOPPED_AT_LIMIT = 2
-    HELD_BY_CONTACT = 3
-    SPURIOUS = 4
-    UNFINISHED = 5
-    DIVERGED = 6
 
 
 class Ends(NamedTuple):
@@ -58,13 +46,10 @@ def classify_ends(problem: Problem, limits: Node | None, outcomes: Outcomes) -> 
     residual = np.abs(force).max(-1)
     at_limit = (np.abs(limit_force) > np.maximum(_LEAST_FORCE, 10 * np.abs(force))).any(1)
     status = outcomes.status
-    kind = np.full(len(q), End.UNFINISHED)
-    kind[status == Status.CONVERGED] = End.CONVERGED
-    resting = status == Status.RESTING
+    kind, resting = np.array(status), status == End.RESTING
     kind[resting] = End.SPURIOUS
     kind[resting & (outcomes.track.touching > 0)] = End.HELD_BY_CONTACT
     kind[resting & (outcomes.track.touching == 0) & at_limit] = End.STOPPED_AT_LIMIT
-    kind[status == Status.DIVERGED] = End.DIVERGED
     return Ends(kind, *errors, limit_force, residual, margin)
 
 

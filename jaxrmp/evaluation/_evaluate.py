@@ -11,10 +11,10 @@ from .._tree import Node, pullback
 from ..kinematics import ControlPoints, Robot, panda
 from ..learning import Skill
 from ..policies import whole_arm_policy
-from ..simulation import Engine, Outcomes, Problem, StopCriteria, largest_batch, simulate
+from ..simulation import End, Engine, Outcomes, Problem, StopCriteria, largest_batch, simulate
 from ..world import SelfDistances, World, panda_self_pairs, panda_spheres
 from ._distribution import map_over_processes
-from ._ends import End, Ends, classify_ends, control_point_errors
+from ._ends import Ends, classify_ends, control_point_errors
 from ._stability import CertificateWatch
 
 

@@ -5,8 +5,7 @@ from typing import Any
 import numpy as np
 
 from ..learning import Skill
-from ..simulation import Problem
-from ._ends import End
+from ..simulation import End, Problem
 from ._evaluate import Evaluation
 from ._regions import regions
 from ._rest_points import rest_points
@@ -15,14 +14,7 @@ from ._stability import goal_hessians, learned_metrics, stationary_points
 _SHOWN = 1000  # failing starts that are listed one by one
 _AROUND = 0.3  # m around the region of the hand in which stationary points are looked for
 
-KINDS = {
-    End.CONVERGED: "converged",
-    End.STOPPED_AT_LIMIT: "stopped_at_limit",
-    End.HELD_BY_CONTACT: "held_by_contact",
-    End.SPURIOUS: "spurious",
-    End.UNFINISHED: "unfinished",
-    End.DIVERGED: "diverged",
-}
+KINDS = {end: end.name.lower() for end in End if end not in (End.RUNNING, End.RESTING, End.TOUCHED)}
 """Names of the kinds of ends, as the report has them."""
 
 

@@ -104,7 +104,7 @@ class Skill:
                 f"skill {self.configuration.name!r} was learned on robot {self.configuration.robot!r} with kinematic "
                 f"fingerprint {self.robot_fingerprint}, but {robot.name!r} has {robot.fingerprint}. Load the robot it "
                 "was learned on, or learn it again on this one. On the command line: leave --robot out, or, where the "
-                "robot's file has moved, let it name that file; `run` has scenes for the built-in Panda only."
+                "robot's file has moved, let it name that file; for `run`, give a scene with that robot."
             )
 
 

@@ -8,8 +8,10 @@ import numpy as np
 
 from .._errors import RobotError
 from .._rotations import pose, quaternion_of_rotation, rotation_of_quaternion
+from ..kinematics import panda
 from ..kinematics._mujoco import import_mujoco
 from ._parts import FINGER_WIDTH
+from ._scene import Scene
 
 _BODIES = {f"panda_link{i}": f"link{i}" for i in range(8)} | {
     "panda_hand": "hand",
@@ -35,6 +37,22 @@ def panda_meshes() -> Path | None:
         return None
     cache, robot = mujoco_menagerie.Cache(), mujoco_menagerie.get("franka_emika_panda")
     return Path(cache.model_path(robot)) / "panda.xml" if cache.is_cached(robot) else None
+
+
+def picture_model(place: Scene, meshes: str | os.PathLike | None = None) -> Any:
+    """The model of a scene as it is drawn: the Panda with the looks of Menagerie's where they are at hand, else as it
+    is.
+
+    States of one are states of the other. **Arguments**: `meshes`, the MJCF file, by default `panda_meshes()`.
+    **Raises** `RobotError` for a file that is not that.
+    """
+    if meshes is None:
+        meshes = panda_meshes() if place.robot.fingerprint == panda().fingerprint else None
+    if meshes is None:
+        return place.model
+    spec = place.spec.copy()
+    add_meshes(spec, meshes)
+    return spec.compile()
 
 
 def add_meshes(spec: Any, source: str | os.PathLike) -> None:

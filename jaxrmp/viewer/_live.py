@@ -12,6 +12,7 @@ from .._task_map import pushforward
 from .._tree import Batched, Node, pullback
 from ..inspection import Inspection, inspect
 from ..kinematics import ControlPoints, frame_poses
+from ..simulation import Motion, euler
 from ..world import World
 from ._push import Push
 from ._switched import switched
@@ -44,21 +45,6 @@ class Situation:
 
 
 @pytree
-class Motion:
-    """A state of the arm: `q` and `rest` [n], what rounding cut off it; `qd` [n]."""
-
-    q: jax.Array
-    rest: jax.Array
-    qd: jax.Array
-
-    @staticmethod
-    def at_rest(q: Any) -> "Motion":
-        """The arm standing still at `q` [n]."""
-        q = jnp.asarray(q, jnp.float32)
-        return Motion(q, jnp.zeros_like(q), jnp.zeros_like(q))
-
-
-@pytree
 class Reading:
     """What a call of `advance` tells: `motion` at its end; `poses` [F, 4, 4] of the frames then; `energy` [2], before
     its first and before its last step; `dissipated` [2], how much of it the damping took up to its last step, and with
@@ -80,10 +66,7 @@ def advance(situation: Situation, motion: Motion, steps: jax.Array, frames: tupl
         found = tree.measure(motion.q, motion.qd)
         energy = jnp.stack([jnp.where(i == 0, found.energy, energy[0]), found.energy])
         dissipated = jnp.stack([dissipated[1], dissipated[1] + STEP * found.dissipation])
-        qd = motion.qd + STEP * resolve(found.form.dense())
-        moved = STEP * qd + motion.rest
-        q = motion.q + moved
-        return Motion(q, moved - (q - motion.q), qd), energy, dissipated
+        return euler(motion, resolve(found.form.dense()), STEP), energy, dissipated
 
     none = jnp.full(2, jnp.nan, motion.q.dtype), jnp.zeros(2, motion.q.dtype)
     end, energy, dissipated = jax.lax.fori_loop(0, steps, step, (motion, *none))

@@ -9,7 +9,8 @@ from typing import NamedTuple
 import jax
 import numpy as np
 
-from ._live import STEP, Motion, Situation, advance
+from ..simulation import Motion
+from ._live import STEP, Situation, advance
 from ._real_time import Rates, RealTime
 from ._watch import EnergyWatch, Watched
 

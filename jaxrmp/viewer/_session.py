@@ -11,12 +11,13 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._pytree import single
+from ..simulation import Motion
 from ..world import Spheres, World
 from ._arm import ArmView
 from ._furniture import FurnitureView, camera_of
 from ._inputs import GainSliders, LeafSwitches
 from ._lines import Trace
-from ._live import Motion, Situation, examine
+from ._live import Situation, examine
 from ._loop import Frame, LiveLoop
 from ._obstacles import ObstacleGizmos
 from ._plots import Plots

@@ -4,7 +4,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..evaluation import KINDS, End, Evaluation, regions
+from ..evaluation import KINDS, Evaluation, regions
+from ..simulation import End
 from ._style import BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILLION, label_axes, legend_below, new_figure
 
 if TYPE_CHECKING:

@@ -108,14 +108,12 @@ def _renderer(model: Any) -> Any:
 
 def _frame(renderer: Any, run: Run, trial: int, t: int) -> np.ndarray:
     mujoco = import_mujoco()
-    scene, trace = run.scene, run.traces[trial]
-    if run.trials[trial].cylinder is not None:
-        scene = scene.with_cylinder(run.trials[trial].cylinder)
-    data = mujoco.MjData(scene.model)
+    scene, trace = run.scene.at(run.trials[trial]), run.traces[trial]
+    data = scene.fresh()
     data.qpos[:] = trace.qpos[t]
-    scene.place(data, run.trials[trial].T_world_object)
     scene.move_object(data, trace.T_world_object[t])
     mujoco.mj_kinematics(scene.model, data)
     mujoco.mj_camlight(scene.model, data)
-    renderer.update_scene(data, camera="view")
+    cameras = [scene.model.camera(c).name for c in range(scene.model.ncam)]
+    renderer.update_scene(data, camera="view" if "view" in cameras else -1)
     return renderer.render().copy()

@@ -84,7 +84,7 @@ class RobotSpheres:
 
 
 def spheres_from_model(
-    source: str | os.PathLike, max_error: float = 0.01, *, frames: Sequence[str] | None = None
+    source: str | os.PathLike | Any, max_error: float = 0.01, *, frames: Sequence[str] | None = None
 ) -> RobotSpheres:
     """Cover the geometry of an MJCF or URDF file with spheres.
 
@@ -92,15 +92,16 @@ def spheres_from_model(
     cylinders and ellipsoids are covered as they are, meshes as their convex hulls, which is how MuJoCo collides them.
     Geometry fixed to the world, and planes and height fields, are scenery and left out.
 
-    **Arguments**: `source`, the file (its meshes must be there); `max_error`, how far spheres may stick out of the
-    geometry, m: the smaller, the more spheres (a solid other than a capsule or a
-    sphere needs about its volume over the cube of this); `frames`, the bodies to cover, by default all.
+    **Arguments**: `source`, the file (its meshes must be there), or a `mujoco.MjModel`; `max_error`, how far spheres
+    may stick out of the geometry, m: the smaller, the more spheres (a solid other than a capsule or a sphere needs
+    about its volume over the cube of this); `frames`, the bodies to cover, by default all.
     **Returns** `RobotSpheres` whose frames are bodies; its `coverage_error` is the largest protrusion there is.
     **Raises** `RobotError` if the file cannot be read, `ConfigurationError` if `max_error` is not positive, asks for
     too many spheres, or `frames` names a body without geometry.
     """
     require_number("spheres_from_model", "max_error", max_error)
-    return cover_model(geometry_of_model(source), max_error, frames, str(source))
+    model = geometry_of_model(source) if isinstance(source, str | os.PathLike) else source
+    return cover_model(model, max_error, frames, str(source))
 
 
 def geometry_of_model(source: str | os.PathLike) -> Any:

@@ -16,11 +16,11 @@ import pytest
 
 from jaxrmp import ConfigurationError, ShapeError
 from jaxrmp.cli._output import write_json
-from jaxrmp.evaluation import End, check_starts, classify_ends, evaluate, regions, replay, sample_starts, starts_around
+from jaxrmp.evaluation import check_starts, classify_ends, evaluate, regions, replay, sample_starts, starts_around
 from jaxrmp.evaluation import rest_points as gather_rest_points
 from jaxrmp.evaluation._report import _certificate
 from jaxrmp.evaluation._stability import CertificateWatch
-from jaxrmp.simulation import Devices, KinematicEngine, Status, StopCriteria, largest_batch, simulate
+from jaxrmp.simulation import Devices, End, KinematicEngine, StopCriteria, largest_batch, simulate
 
 _FILE = Path(__file__).with_name("planar.py")
 _SPEC = importlib.util.spec_from_file_location("planar", _FILE)
@@ -199,4 +199,4 @@ def test_a_rest_in_contact_is_told_apart(problem, evaluation):
     kind = classify_ends(problem, planar.LIMITS, outcomes).kind
     assert kind[spurious[0]] == End.HELD_BY_CONTACT
     assert (kind[spurious[1:]] == End.SPURIOUS).all()
-    assert (outcomes.status[kind == End.SPURIOUS] == Status.RESTING).all()
+    assert (outcomes.status[kind == End.SPURIOUS] == End.RESTING).all()
