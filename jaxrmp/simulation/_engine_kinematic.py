@@ -73,7 +73,7 @@ def _advance(problem: Problem, state: KinematicState, criteria: StopCriteria, dt
         track = judged(problem, criteria, dt, track, q, qd, asked)
         running, now = track.status == End.RUNNING, Motion(q, rest, qd)
         ahead = euler(now, asked.qdd, dt)
-        return KinematicState(*(jnp.where(running, new, old) for new, old in zip(ahead, now, strict=True)), track), None
+        return KinematicState(*jax.tree.map(partial(jnp.where, running), ahead, now), track=track), None
 
     def look(state: KinematicState, _):
         state, _ = jax.lax.scan(step, state, length=every)

@@ -3,7 +3,6 @@
 from collections.abc import Callable, Sequence
 from typing import Any
 
-import jax
 import numpy as np
 
 from ..kinematics._mujoco import import_mujoco
@@ -63,11 +62,12 @@ def step_all(
     judge.
     **Returns** the new track.
     """
-    for i in np.flatnonzero(track.status == End.RUNNING):
+    for i in np.flatnonzero(track.status == End.RUNNING).tolist():
         arms[i].sense()
     qdd, seen = command(track, q, qd)
-    qdd, track = np.asarray(qdd, float), jax.tree.map(np.array, seen)
-    for i in np.flatnonzero(track.status == End.RUNNING):
+    qdd = np.asarray(qdd, float)
+    track = Track(*(np.array(part) for part in seen))
+    for i in np.flatnonzero(track.status == End.RUNNING).tolist():
         arms[i].act(qdd[i])
         q[i], qd[i] = arms[i].state()
         track.touching[i] = arms[i].touching

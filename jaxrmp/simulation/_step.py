@@ -5,8 +5,8 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
-from .._forms import Method
-from .._tree import Node, acceleration
+from .._forms import Method, resolve
+from .._tree import Node
 
 
 class Command(NamedTuple):
@@ -17,8 +17,9 @@ class Command(NamedTuple):
 
 
 def command(tree: Node, q: jax.Array, qd: jax.Array, method: Method = "cholesky") -> Command:
-    """Energy and accelerations of a policy at one state `q`, `qd` [n]."""
-    return Command(tree.energy(q, qd), acceleration(tree, q, qd, method))
+    """Energy and accelerations of a policy at one state `q`, `qd` [n], in one pass over the tree."""
+    found = tree.measure(q, qd)
+    return Command(found.energy, resolve(found.form.dense(), method))
 
 
 class Motion(NamedTuple):
