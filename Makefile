@@ -28,7 +28,7 @@ demo: $(VENV)/.installed-demo osmesa
 	@echo "The drawer is closed. To read: out/drawer_closing/report.html and run.html; skill, video, pictures beside them."
 
 test: $(VENV)/.installed-dev osmesa chromium
-	$(BIN)/python -m pytest -n auto --dist loadfile
+	$(BIN)/python -m pytest -n auto --dist loadfile --durations=10
 
 # What MuJoCo needs to draw without a display, where we may install it.
 osmesa:

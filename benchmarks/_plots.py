@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Any
 
-from jaxrmp.visualization._style import MARKERS, dress, legend_below, new_figure, series_style
+from jaxrmp.visualization._style import MARKERS, label_axes, legend_below, new_figure, series_style
 
 
 def bars(rows: Sequence[dict[str, Any]], columns: Sequence[str], unit: str) -> Any:
@@ -17,7 +17,7 @@ def bars(rows: Sequence[dict[str, Any]], columns: Sequence[str], unit: str) -> A
         drawn = axes.barh(at, [row.get(column) or float("nan") for row in shown], height, color=style["color"])
         drawn.set_label(column)
         axes.bar_label(drawn, fmt="%.3g", padding=2, fontsize=8)
-    dress(axes, unit, "")
+    label_axes(axes, unit, "")
     axes.set_xscale("log")
     axes.margins(x=0.15)
     axes.set_yticks(range(len(shown)), [str(row["name"]) for row in shown])
@@ -35,6 +35,6 @@ def curves(series: dict[str, tuple[Sequence[float], Sequence[float]]], x: str, y
         series.items(), series_style(len(series)), range(len(series)), strict=True
     ):
         axes.loglog(at, values, marker=MARKERS[k % len(MARKERS)], markersize=4, label=name, **style)
-    dress(axes, x, y, title)
+    label_axes(axes, x, y, title)
     legend_below(figure, axes)
     return figure

@@ -13,7 +13,6 @@ import numpy as np
 
 from jaxrmp import Batched, Node, acceleration, pullback
 from jaxrmp._pytree import single
-from jaxrmp.cli._sources import robot_of
 from jaxrmp.io import load_lula
 from jaxrmp.kinematics import ControlPoints, Robot, panda
 from jaxrmp.learning import load_skill
@@ -89,7 +88,7 @@ def among_spheres(
 def learned_drawer(quick: bool = False) -> Policy:
     """The skill of `configs/drawer_closing.toml`: three learned leaves, damping, limits; the drawer may move."""
     skill = load_skill(skill_file("drawer_closing", quick=quick))
-    robot = robot_of(skill.configuration)
+    robot = skill.load_robot()
     return Policy(single(np.asarray(skill.T_world_object)), lambda T: skill.tree(robot, T))
 
 

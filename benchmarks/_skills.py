@@ -4,7 +4,7 @@ import os
 from dataclasses import replace
 from pathlib import Path
 
-from jaxrmp.cli._sources import find_demonstrations, robot_of
+from jaxrmp.cli._sources import find_demonstrations
 from jaxrmp.learning import Configuration, Learning, learn, load_configuration, save_skill
 
 from ._report import FOLDER
@@ -28,7 +28,7 @@ def skill_file(task: str, source: str | None = None, quick: bool = False) -> Pat
 def learned(task: str, source: str, quick: bool = False) -> Learning:
     """The outcome of learning a task."""
     settings = configuration(task, quick)
-    return learn(settings, robot_of(settings), demonstrations(task, source))
+    return learn(settings, settings.load_robot(), demonstrations(task, source))
 
 
 def demonstrations(task: str, source: str):

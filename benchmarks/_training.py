@@ -7,7 +7,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxrmp.cli._sources import robot_of
 from jaxrmp.learning import load_skill, prepare
 from jaxrmp.learning._learn import training_samples
 from jaxrmp.learning._metric_network import initial_cholesky_factor
@@ -32,7 +31,7 @@ def training_of(task: str, quick: bool) -> Training:
     """The training of a task's metrics, with the potentials and the support of its learned skill."""
     settings = configuration(task, quick)
     learned = load_skill(skill_file(task, quick=quick)).learned
-    prepared = prepare(settings, robot_of(settings), demonstrations(task, source_here(quick)))
+    prepared = prepare(settings, settings.load_robot(), demonstrations(task, source_here(quick)))
     samples = training_samples(prepared.subtasks, settings.metric, settings.seed)
     x, velocity = (jnp.asarray(a, jnp.float32) for a in samples)
     slope = jax.jit(jax.vmap(lambda potential, x: jax.vmap(jax.grad(potential))(x)))(learned.potential_of, x)

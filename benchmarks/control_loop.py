@@ -8,7 +8,6 @@ import jax
 import numpy as np
 
 from jaxrmp import Batched, Node, RigidTransform, acceleration, compose, pullback
-from jaxrmp.cli._sources import robot_of
 from jaxrmp.kinematics import ControlPoints, panda
 from jaxrmp.learning import load_skill
 from jaxrmp.leaves import Attractor, CollisionAvoidance, Damping, JointLimit
@@ -73,7 +72,7 @@ def moving_scene(t: float) -> Node:
 def moving_skill() -> Callable[[float], Node]:
     """The learned door skill, whose door moves."""
     skill = load_skill(skill_file("door_reaching"))
-    robot, first = robot_of(skill.configuration), np.asarray(skill.T_world_object, float)
+    robot, first = skill.load_robot(), np.asarray(skill.T_world_object, float)
     return lambda t: skill.tree(robot, moved(first, t))
 
 

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from jaxrmp.cli._sources import robot_of
 from jaxrmp.learning import nominal_demonstration, prepare, save_skill
 from jaxrmp.learning._potential_program import fit_potential
 
@@ -42,7 +41,7 @@ def figure(found: list[dict[str, Any]]) -> Any:
 def steps(quick: bool) -> list[dict[str, Any]]:
     """One row each: the potential's convex program, and the nominal demonstration by DTW, of one subtask."""
     settings = configuration("drawer_closing", quick)
-    prepared = prepare(settings, robot_of(settings), demonstrations("drawer_closing", source_here(quick)))
+    prepared = prepare(settings, settings.load_robot(), demonstrations("drawer_closing", source_here(quick)))
     positions, directions = prepared.subtasks.positions[0], prepared.subtasks.directions[0]
     nominal, _ = nominal_demonstration(list(positions))
     p = settings.potential

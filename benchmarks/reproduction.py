@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxrmp.cli._sources import default_demonstrations, find_demonstrations, robot_of
+from jaxrmp.cli._sources import default_demonstrations, find_demonstrations
 from jaxrmp.kinematics import Robot
 from jaxrmp.learning import (
     Configuration,
@@ -37,7 +37,7 @@ def rows() -> list[dict[str, Any]]:
     found: list[dict[str, Any]] = []
     for task in TASKS:
         configuration = load_configuration(f"configs/{task}.toml")
-        robot, demonstrations = robot_of(configuration), find_demonstrations(default_demonstrations(task))
+        robot, demonstrations = configuration.load_robot(), find_demonstrations(default_demonstrations(task))
         for seed in SEEDS:
             learning = learn(replace(configuration, seed=seed), robot, demonstrations)
             result = reproduce(learning.skill, robot, learning.prepared)

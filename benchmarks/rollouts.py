@@ -8,12 +8,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxrmp.cli._sources import robot_of
 from jaxrmp.evaluation import scene_problem
 from jaxrmp.kinematics._mujoco import import_mujoco
 from jaxrmp.learning import load_skill
 from jaxrmp.scenes import scene
-from jaxrmp.simulation import MjxEngine, MujocoEngine, StopCriteria, arm_in_scene
+from jaxrmp.simulation import MjxEngine, MujocoEngine, StopCriteria
 from jaxrmp.xla import own_cores
 
 from ._children import fast_mjx_flags, in_child
@@ -52,14 +51,14 @@ def native_rows(batches: tuple[int, ...], quick: bool) -> list[dict[str, Any]]:
     """Native MuJoCo with the policy, and its own threaded rollout without."""
     from mujoco import rollout
 
-    arm, problem = _setting(quick)
-    engine = MujocoEngine(arm, problem, StopCriteria(), chunk=CHUNK, every=10)
+    place, problem = _setting(quick)
+    engine = MujocoEngine(place, problem, StopCriteria(), chunk=CHUNK, every=10)
     found = [_row("mujoco", engine, B) for B in batches]
     cores = own_cores()
     for B in batches:
-        model, data = arm.model, [arm.data() for _ in range(cores)]
+        model, data = place.model, [place.fresh() for _ in range(cores)]
         first = np.asarray(engine.begin(_starts(B)).full)
-        kind = {"nstep": CHUNK, "initial_state": _physics_state(arm, first, B)}
+        kind = {"nstep": CHUNK, "initial_state": _physics_state(place, first, B)}
         with rollout.Rollout(nthread=cores) as run:
             seconds = _seconds(lambda: run.rollout(model, data, **kind))  # noqa: B023
         found.append({"name": "mujoco.rollout, no policy", "batch": B, "steps_per_s": B * CHUNK / seconds})
@@ -68,8 +67,8 @@ def native_rows(batches: tuple[int, ...], quick: bool) -> list[dict[str, Any]]:
 
 def mjx_rows(batches: list[int], quick: bool) -> list[dict[str, Any]]:
     """MJX with the policy, and where its time goes."""
-    arm, problem = _setting(quick)
-    engine = MjxEngine(arm, problem, StopCriteria(), chunk=CHUNK, every=10)
+    place, problem = _setting(quick)
+    engine = MjxEngine(place, problem, StopCriteria(), chunk=CHUNK, every=10)
     found = [] if quick else [_row("mjx", engine, B) for B in batches]  # compiling a whole chunk takes a minute
     return [*found, *stages(engine, problem, 4 if quick else STAGE_BATCH, quick)]
 
@@ -119,7 +118,7 @@ def stages(engine: MjxEngine, problem: Any, batch: int, quick: bool) -> list[dic
 def _setting(quick: bool) -> tuple[Any, Any]:
     skill = load_skill(skill_file("drawer_closing", quick=quick))
     place = scene("drawer", T_world_object=np.asarray(skill.T_world_object, float))
-    return arm_in_scene(place), scene_problem(skill, robot_of(skill.configuration), place)
+    return place, scene_problem(skill, skill.load_robot(), place)
 
 
 def _starts(batch: int) -> np.ndarray:
@@ -154,13 +153,13 @@ def _seconds(call: Callable[[], Any], least: float = 1.0) -> float:
     return float(np.median(taken))
 
 
-def _physics_state(arm: Any, full: np.ndarray, batch: int) -> np.ndarray:
+def _physics_state(place: Any, full: np.ndarray, batch: int) -> np.ndarray:
     """Full physics states [B, m] of starts, as `mujoco.rollout` wants them, from the engine's."""
     mujoco = import_mujoco()
     kind, wanted = mujoco.mjtState.mjSTATE_INTEGRATION, mujoco.mjtState.mjSTATE_FULLPHYSICS
-    states = np.empty((batch, mujoco.mj_stateSize(arm.model, wanted)))
-    data = arm.data()
+    states = np.empty((batch, mujoco.mj_stateSize(place.model, wanted)))
+    data = place.fresh()
     for row, state in zip(states, full, strict=True):
-        mujoco.mj_setState(arm.model, data, state, kind)
-        mujoco.mj_getState(arm.model, data, row, wanted)
+        mujoco.mj_setState(place.model, data, state, kind)
+        mujoco.mj_getState(place.model, data, row, wanted)
     return states

@@ -7,25 +7,17 @@ Scenes are drawn without regard to the goals. Each rollout starts from the ready
 
 import sys
 import time
-from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.tree_util import Partial
 
-from jaxrmp import Node, acceleration, pullback
+from jaxrmp import acceleration, policies
 from jaxrmp.kinematics import ControlPoints, Robot, panda
-from jaxrmp.leaves import (
-    Attractor,
-    Damping,
-    JointLimit,
-    JointVelocityLimit,
-    Posture,
-)
-from jaxrmp.simulation import ScenePolicy
+from jaxrmp.leaves import Attractor
+from jaxrmp.policies import ArmPolicy
 from jaxrmp.world import (
     Boxes,
     Capsules,
@@ -45,59 +37,39 @@ DURATION, DT = 10.0, 1e-3
 READY = np.array([0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785])
 FREE = 0.10  # m, how far from every obstacle a goal must be for its reaching to count
 NEAR = 0.01  # m, how near to its goal counts as reached
-HAND = ("panda_hand_tcp",)
-STANDING = ("panda_link0", "panda_link1")  # the base, and the first link, which turns in place
+HAND = "panda_hand_tcp"
 
 
 class Outcome(NamedTuple):
     """What a rollout did: least distances, m; largest share of a velocity limit; least margin to a joint limit, rad."""
 
     obstacle: jax.Array
-    itself: jax.Array
+    self_collision: jax.Array
     speed: jax.Array
     margin: jax.Array
     goal: jax.Array
     finite: jax.Array
 
 
-def whole_arm(robot: Robot, goal: jax.Array, world: World) -> Node:
-    """The policy: one hand-designed leaf of each kind that an arm among obstacles needs, all of them certified."""
-    hand = ControlPoints(robot, HAND, np.zeros((1, 3)))
-    spheres = panda_spheres()
-    moving = spheres.without(*STANDING)
-    return (
-        pullback(Partial(_hand, hand), Attractor(goal, **GAINS["goal"]))
-        + pullback(
-            ObstacleDistances(moving.points(robot), world, moving.radii),
-            replace(ScenePolicy.self_avoidance, reach=0.06, name="obstacles"),
-        )
-        + pullback(
-            SelfDistances(spheres.points(robot), panda_self_pairs(), spheres.radii),
-            ScenePolicy.self_avoidance,
-        )
-        + JointLimit(robot.lower, robot.upper, **GAINS["limit"])
-        + JointVelocityLimit(robot.velocity_limit, **GAINS["velocity"])
-        + Posture(READY, **GAINS["posture"])
-        + Damping(**GAINS["damping"])
+def whole_arm(robot: Robot) -> ArmPolicy:
+    """The reaching policy: one hand-designed leaf of each kind that an arm among obstacles needs, all certified.
+
+    It leaves the hand's turn free, and is a little slower than for a goal that is dragged.
+    """
+    goal = Attractor(np.zeros(3), 5.0, 5.0, gain=3.0, sharpness=20.0, damping_rate=6.0)
+    limits = policies.joint_limits(robot) + policies.velocity_limits(robot)
+    rest = policies.posture(robot, READY, stiffness=0.1) + policies.damping(weight=0.05)
+    return ArmPolicy(
+        robot,
+        (policies.HandGoal(np.eye(4), HAND, goal, None),),
+        policies.self_avoidance(robot, panda_spheres(), panda_self_pairs()) + limits + rest,
+        panda_spheres().moving(robot),
     )
-
-
-GAINS: dict[str, dict[str, float]] = {
-    "goal": dict(weight_near=5.0, weight_far=5.0, gain=3.0, sharpness=20.0, damping_rate=6.0),
-    "limit": dict(weight=0.05, damping_rate=5.0, barrier=0.003, reach=0.2),
-    "velocity": dict(onset=0.6),
-    "posture": dict(weight=0.02, stiffness=0.1, damping_rate=3.0),
-    "damping": dict(weight=0.05, damping_rate=1.0),
-}
-
-
-def _hand(points: ControlPoints, q: jax.Array) -> jax.Array:
-    return points(q)[0]
 
 
 def random_world(rng: np.random.Generator, robot: Robot) -> World:
     """A floor and three to seven more obstacles of all other kinds, clear of the ready posture and the base."""
-    spheres = panda_spheres().without(*STANDING)
+    spheres = panda_spheres().moving(robot)
     at_ready = np.asarray(jax.jit(spheres.points(robot))(jnp.asarray(READY)))
     column = np.array([[0.0, 0.0, z] for z in np.arange(0.0, 0.5, 0.05)])
     guarded = np.concatenate([at_ready, column])
@@ -166,16 +138,16 @@ def _bowl(T: np.ndarray, active: bool = True) -> SignedDistanceGrid:
 def random_goals(rng: np.random.Generator, robot: Robot, count: int) -> np.ndarray:
     """Points that the arm can reach, [count, 3], m."""
     spheres = panda_spheres()
-    moving = spheres.without(*STANDING)
+    moving = spheres.moving(robot)
     floor = World(half_spaces=HalfSpaces.of([((0.0, 0.0, 1.0), -0.02)]))
-    hand = ControlPoints(robot, HAND, np.zeros((1, 3)))
+    hand = ControlPoints(robot, HAND)
 
     @jax.jit
     @jax.vmap
     def look(q):
-        itself = SelfDistances(spheres.points(robot), panda_self_pairs(), spheres.radii)(q)
+        own = SelfDistances(spheres.points(robot), panda_self_pairs(), spheres.radii)(q)
         ground = ObstacleDistances(moving.points(robot), floor, moving.radii)(q)
-        return hand(q)[0], jnp.minimum(itself.min(), ground.min())
+        return hand(q)[0], jnp.minimum(own.min(), ground.min())
 
     low, high = np.asarray(robot.lower) + 0.15, np.asarray(robot.upper) - 0.15
     q = rng.uniform(low, high, (count * 12, robot.num_joints))
@@ -184,22 +156,23 @@ def random_goals(rng: np.random.Generator, robot: Robot, count: int) -> np.ndarr
 
 
 @partial(jax.jit, static_argnames=("steps",))
-def outcomes(robot: Robot, world: World, goals: jax.Array, steps: int) -> Outcome:
+def outcomes(policy: ArmPolicy, world: World, goals: jax.Array, steps: int) -> Outcome:
     """Outcomes [goals] of rollouts from the ready posture to every goal in one world."""
+    robot = policy.robot
     spheres = panda_spheres()
-    moving = spheres.without(*STANDING)
+    moving = spheres.moving(robot)
     obstacle = ObstacleDistances(moving.points(robot), world, moving.radii)
-    itself = SelfDistances(spheres.points(robot), panda_self_pairs(), spheres.radii)
-    hand = ControlPoints(robot, HAND, np.zeros((1, 3)))
+    own = SelfDistances(spheres.points(robot), panda_self_pairs(), spheres.radii)
+    hand = ControlPoints(robot, HAND)
 
     def one(goal):
-        tree = whole_arm(robot, goal, world)
+        tree = policy.tree(jnp.eye(4).at[:3, 3].set(goal), world)
 
         def step(state, _):
             q, qd, seen = state
             seen = Outcome(
                 jnp.minimum(seen.obstacle, obstacle(q).min()),
-                jnp.minimum(seen.itself, itself(q).min()),
+                jnp.minimum(seen.self_collision, own(q).min()),
                 jnp.maximum(seen.speed, (jnp.abs(qd) / robot.velocity_limit).max()),
                 jnp.minimum(seen.margin, jnp.minimum(q - robot.lower, robot.upper - q).min()),
                 jnp.linalg.norm(hand(q)[0] - goal),
@@ -220,7 +193,7 @@ def rows() -> list[dict[str, Any]]:
     """One row a scene, then all together: worst figures in mm, rad and shares of the limits, and goals reached."""
     robot = panda()
     goals = random_goals(np.random.default_rng([SEED, SCENES]), robot, GOALS)
-    numbers = jax.tree.map(lambda x: jnp.asarray(x, jnp.float32), (robot, goals))
+    numbers = jax.tree.map(lambda x: jnp.asarray(x, jnp.float32), (whole_arm(robot), goals))
     found, total = [], []
     for scene in range(SCENES):
         world = random_world(np.random.default_rng([SEED, scene]), robot)
@@ -240,9 +213,9 @@ def _row(name: str, outcome: Outcome, clear: np.ndarray) -> dict[str, Any]:
         "name": name,
         "rollouts": len(clear),
         "not_finite": int((~outcome.finite).sum()),
-        "penetrations": int(((outcome.obstacle < -1e-3) | (outcome.itself < -1e-3)).sum()),
+        "penetrations": int(((outcome.obstacle < -1e-3) | (outcome.self_collision < -1e-3)).sum()),
         "least_obstacle_mm": 1e3 * float(outcome.obstacle.min()),
-        "least_self_mm": 1e3 * float(outcome.itself.min()),
+        "least_self_mm": 1e3 * float(outcome.self_collision.min()),
         "most_speed": float(outcome.speed.max()),
         "least_margin_rad": float(outcome.margin.min()),
         "free_goals": int(clear.sum()),

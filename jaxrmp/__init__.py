@@ -1,5 +1,7 @@
 """Riemannian motion policies: learned from demonstrations, composed with hand-designed ones, certified stable."""
 
+import importlib as _importlib
+
 from . import inspection as inspection
 from . import kinematics as kinematics
 from . import leaves as leaves
@@ -29,9 +31,9 @@ from ._forms import NaturalForm as NaturalForm
 from ._forms import canonical as canonical
 from ._forms import natural as natural
 from ._forms import resolve as resolve
-from ._gds import GDS as GDS
 from ._gds import GeometricDynamicalSystem as GeometricDynamicalSystem
 from ._gds import SeparableGDS as SeparableGDS
+from ._map_tree import map_tree as map_tree
 from ._pytree import pytree as pytree
 from ._pytree import static as static
 from ._task_map import Affine as Affine
@@ -54,6 +56,7 @@ from ._tree import Batched as Batched
 from ._tree import Leaf as Leaf
 from ._tree import Node as Node
 from ._tree import Pullback as Pullback
+from ._tree import Scaled as Scaled
 from ._tree import SeparableLeaf as SeparableLeaf
 from ._tree import Sum as Sum
 from ._tree import acceleration as acceleration
@@ -61,5 +64,29 @@ from ._tree import batched as batched
 from ._tree import pullback as pullback
 from ._trust_region import resolve_within as resolve_within
 from ._version import __version__ as __version__
+from ._visitor import Measured as Measured
+from ._visitor import Visitor as Visitor
 from .xla import Compiled as Compiled
 from .xla import compiled as compiled
+
+_ON_FIRST_USE = (
+    "evaluation",
+    "io",
+    "learning",
+    "policies",
+    "scenes",
+    "simulation",
+    "synthetic",
+    "viewer",
+    "visualization",
+)
+
+
+def __getattr__(name):
+    if name in _ON_FIRST_USE:
+        return _importlib.import_module(f"{__name__}.{name}")
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__():
+    return sorted({*globals(), *_ON_FIRST_USE})

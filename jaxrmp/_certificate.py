@@ -9,7 +9,7 @@ from ._tree import Node, acceleration
 
 @pytree
 class Certificate:
-    """Energy `V`, its rate of change under the resolved policy `dV_dt`, and the tree's `dissipation`, all scalars.
+    """`energy` V, its rate of change under the resolved policy `dV_dt`, and the tree's `dissipation`, all scalars.
 
     `dV_dt = -dissipation <= 0` wherever the root metric is invertible and every leaf is certified; `residual`, the
     distance from that law relative to `1 + |V|`, is then rounding. `voided_by` names the leaves that are not certified:
@@ -50,6 +50,6 @@ def certificate(tree: Node, x: jax.Array, xd: jax.Array, method: Method = "chole
 def uncertified_leaves(tree: Node) -> tuple[str, ...]:
     """Names, each once, of the leaves that are not geometric dynamical systems and so void the tree's certificate.
 
-    What `certificate` reports as `voided_by`, without a state and without computing anything.
+    What `certificate` reports of `tree` as `voided_by`, without a state and without computing anything.
     """
     return tuple(dict.fromkeys(leaf.name for leaf in tree.leaves() if not leaf.certified))

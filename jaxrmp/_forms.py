@@ -80,12 +80,12 @@ class CanonicalForm:
 
 
 def natural(form: CanonicalForm) -> NaturalForm:
-    """The natural form of a policy given by its acceleration: `f = M a`."""
+    """The natural form of a policy given by its acceleration, `form`: `f = M a`."""
     return NaturalForm(jnp.einsum("...ij,...j->...i", form.M, form.a), form.M)
 
 
 def canonical(form: NaturalForm, method: Method = "cholesky") -> CanonicalForm:
-    """The canonical form of a policy given by its force: `a = M^-1 f`, by `resolve`."""
+    """The canonical form of a policy given by its force: `a = M^-1 f`, arguments as `resolve`."""
     return CanonicalForm(resolve(form, method), form.M)
 
 

@@ -11,24 +11,42 @@ import jax
 import jax.numpy as jnp
 
 from ._forms import DiagonalForm, NaturalForm
-from ._pytree import pytree, static
+from ._pytree import as_pytree, pytree, set_field, static
 from ._tree import Leaf, SeparableLeaf
 from .xla import one_loop
 
 
 class GeometricDynamicalSystem(Leaf):
-    """A leaf given by metric, potential and damping on a space [m]. Subclasses implement those three."""
+    """A leaf given by metric, potential and damping on a space [m]: those of a subclass, or functions given to `of`.
+
+    Where the metric depends on velocity and m > 1, `M = G + Xi` need not be symmetric: resolve with `method="lu"`.
+    """
+
+    @staticmethod
+    def of(metric: Callable, potential: Callable, damping: Callable, name: str = "gds") -> "GeometricDynamicalSystem":
+        """A geometric dynamical system from any three functions.
+
+        **Arguments**: `metric`, `(x, xd) -> G` [m, m]; `potential`, `x -> Phi`; `damping`, `(x, xd) -> B` [m, m];
+        `name`. What a `jax.tree_util.Partial` holds are parameters; another plain function is another program.
+
+        >>> spring = GeometricDynamicalSystem.of(
+        ...     metric=lambda x, xd: jnp.eye(1), potential=lambda x: 2.0 * x @ x, damping=lambda x, xd: 3.0 * jnp.eye(1)
+        ... )
+        >>> spring(jnp.ones(1), jnp.ones(1)).f.tolist()
+        [-7.0]
+        """
+        return _OfFunctions(metric, potential, damping, name)
 
     def metric(self, x: jax.Array, xd: jax.Array) -> jax.Array:
-        """`G` [m, m], symmetric and positive semi-definite."""
+        """`G` [m, m] at `x, xd` [m], symmetric and positive semi-definite."""
         raise NotImplementedError
 
     def potential(self, x: jax.Array) -> jax.Array:
-        """`Phi`, a scalar, bounded from below."""
+        """`Phi` at `x` [m], a scalar, bounded from below."""
         raise NotImplementedError
 
     def damping(self, x: jax.Array, xd: jax.Array) -> jax.Array:
-        """`B` [m, m], positive semi-definite."""
+        """`B` [m, m] at `x, xd` [m], positive semi-definite."""
         raise NotImplementedError
 
     def __call__(self, x, xd):
@@ -59,15 +77,15 @@ class SeparableGDS(SeparableLeaf):
     """
 
     def metric(self, x: jax.Array, xd: jax.Array) -> jax.Array:
-        """The diagonal of `G`, [m]; entry i depends on `x[i]` and `xd[i]` alone; not negative."""
+        """The diagonal of `G`, [m], at `x, xd` [m]; entry i depends on `x[i]` and `xd[i]` alone; not negative."""
         raise NotImplementedError
 
     def potential(self, x: jax.Array) -> jax.Array:
-        """The terms of `Phi`, [m]; entry i depends on `x[i]` alone."""
+        """The terms of `Phi`, [m], at `x` [m]; entry i depends on `x[i]` alone."""
         raise NotImplementedError
 
     def damping(self, x: jax.Array, xd: jax.Array) -> jax.Array:
-        """The diagonal of `B`, [m]; not negative."""
+        """The diagonal of `B`, [m], at `x, xd` [m]; not negative."""
         raise NotImplementedError
 
     @one_loop
@@ -87,29 +105,15 @@ class SeparableGDS(SeparableLeaf):
 
 
 @pytree
-class GDS(GeometricDynamicalSystem):
-    """A geometric dynamical system from any three functions.
-
-    **Arguments**: `metric_of`, `(x, xd) -> G` [m, m]; `potential_of`, `x -> Phi`; `damping_of`, `(x, xd) -> B` [m, m].
-    A callable pytree keeps its arrays visible to JAX; a plain function must be wrapped in `jax.tree_util.Partial`
-    before the tree becomes an argument of a compiled function.
-
-    Where the metric depends on velocity and m > 1, `M = G + Xi` need not be symmetric: resolve with `method="lu"`.
-
-    >>> from jax.tree_util import Partial
-    >>> spring = GDS(
-    ...     metric_of=Partial(lambda x, xd: jnp.eye(1)),
-    ...     potential_of=Partial(lambda x: 2.0 * x @ x),
-    ...     damping_of=Partial(lambda x, xd: 3.0 * jnp.eye(1)),
-    ... )
-    >>> spring(jnp.ones(1), jnp.ones(1)).f.tolist()
-    [-7.0]
-    """
-
+class _OfFunctions(GeometricDynamicalSystem):
     metric_of: Callable[[jax.Array, jax.Array], jax.Array]
     potential_of: Callable[[jax.Array], jax.Array]
     damping_of: Callable[[jax.Array, jax.Array], jax.Array]
     name: str = static(default="gds")
+
+    def __post_init__(self):
+        for name in ("metric_of", "potential_of", "damping_of"):
+            set_field(self, name, as_pytree(getattr(self, name)))
 
     def metric(self, x, xd):
         return self.metric_of(x, xd)

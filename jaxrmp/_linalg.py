@@ -10,6 +10,7 @@ import jax.numpy as jnp
 
 from ._errors import ShapeError
 
+AT_ZERO = 1e-20  # squares of lengths below it count as zero: 1e-10 m is nothing, and 1 over its cube overflows float32
 _UNROLL = 8  # Up to here every entry is its own scalar, which XLA fuses; above, whole columns keep programs small.
 
 
@@ -60,12 +61,15 @@ def lu_solve(A: jax.Array, b: jax.Array) -> jax.Array:
     return solve_lower(A[..., ::-1, ::-1], b[..., ::-1])[..., ::-1]
 
 
-def length(v: jax.Array) -> jax.Array:
-    """Length over the last axis, with gradient zero at zero."""
-    square = jnp.sum(v * v, axis=-1)
+def length(*v: jax.Array) -> jax.Array:
+    """Length over the last axis of one array, or of vectors given by their components.
+
+    Below 1e-10 it is zero and so are its derivatives: the second would overflow single precision.
+    """
+    square = jnp.sum(v[0] * v[0], axis=-1) if len(v) == 1 else sum(x * x for x in v)
     # The inner where keeps sqrt away from zero, where its slope is infinite and would turn the zero into NaN.
-    at_zero = square == 0
-    return jnp.where(at_zero, 0.0, jnp.sqrt(jnp.where(at_zero, 1.0, square))).astype(v.dtype)
+    at_zero = square < AT_ZERO
+    return jnp.where(at_zero, 0.0, jnp.sqrt(jnp.where(at_zero, 1.0, square))).astype(v[0].dtype)
 
 
 def _size(A: jax.Array) -> int:

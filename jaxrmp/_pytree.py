@@ -12,12 +12,14 @@ from typing import Any, TypeVar, dataclass_transform
 import jax
 import numpy as np
 
+from ._ranges import with_ranges
+
 T = TypeVar("T")
 _FLATTENED = "_flattened"
 
 
 def static(**kwargs: Any) -> Any:
-    """Mark a field of a `pytree` class as structure rather than parameter; takes `dataclasses.field`'s arguments."""
+    """Mark a field of a `pytree` class as structure rather than parameter; `**kwargs` are `dataclasses.field`'s."""
     return dataclasses.field(metadata={"static": True}, **kwargs)
 
 
@@ -26,10 +28,11 @@ def pytree(cls: type[T]) -> type[T]:
     """Make `cls` a frozen dataclass and register it with JAX.
 
     What a value is made of is what `dataclasses.fields` names: beside those, its `__dict__` keeps what flattening it
-    found. Unflattening goes round `__init__`: JAX rebuilds values with placeholders where arrays were, and what
-    `__post_init__` checks about a user's arguments does not hold for those.
+    found. Fields that declare a range, as `Positive` does, are checked. Unflattening goes round `__init__`: JAX
+    rebuilds values with placeholders where arrays were, and what is checked about a user's arguments does not hold
+    for those.
     """
-    cls = dataclasses.dataclass(frozen=True, eq=False)(cls)
+    cls = dataclasses.dataclass(frozen=True, eq=False)(with_ranges(cls))
     fields = dataclasses.fields(cls)  # type: ignore[arg-type]
     parameters = tuple(f.name for f in fields if not f.metadata.get("static"))
     structure = tuple(f.name for f in fields if f.metadata.get("static"))
@@ -56,6 +59,14 @@ def pytree(cls: type[T]) -> type[T]:
 
     jax.tree_util.register_pytree_with_keys(cls, flatten_with_keys, unflatten, operator.attrgetter(_FLATTENED))
     return cls
+
+
+def as_pytree(function: Any) -> Any:
+    """A function that may stand in a field: itself if it is a pytree, else in a `jax.tree_util.Partial`.
+
+    So it can be an argument of compiled functions, which are compiled anew for another function.
+    """
+    return jax.tree_util.Partial(function) if jax.tree_util.all_leaves([function]) else function
 
 
 def set_field(value: Any, name: str, content: Any) -> None:

@@ -21,8 +21,8 @@ from jax.core import Tracer
 from ._errors import RigidTransformError, ShapeError
 from ._forms import DiagonalForm, Form, NaturalForm
 from ._linalg import length
-from ._pytree import pytree, set_field, static
-from ._ranges import require
+from ._pytree import as_pytree, pytree, set_field, static
+from ._ranges import NonNegative
 
 
 class Pushforward(NamedTuple):
@@ -55,9 +55,11 @@ class TaskMap:
         raise NotImplementedError
 
     def pushforward(self, x: jax.Array, xd: jax.Array) -> Pushforward:
+        """The state `x, xd` [m] carried through this map; as the function `pushforward`."""
         return pushforward_by_autodiff(self, x, xd)
 
     def transport(self, x: jax.Array, xd: jax.Array) -> Transport:
+        """The state `x, xd` [m] carried through this map, with the way back; as the function `transport`."""
         return transport_by_jacobian(self, x, xd)
 
 
@@ -148,7 +150,7 @@ class Identity(TaskMap):
 
 @pytree
 class Selection(TaskMap):
-    """`y = x[indices]`: some coordinates of a vector, in the order given.
+    """`y = x[indices]`: the coordinates `indices` of a vector, in the order given.
 
     >>> Selection((2, 0))(jnp.array([1.0, 2.0, 3.0])).tolist()
     [3.0, 1.0]
@@ -275,10 +277,7 @@ class Distance(TaskMap):
     """
 
     center: jax.Array
-    radius: jax.Array | float = 0.0
-
-    def __post_init__(self):
-        require(self, non_negative=("radius",))
+    radius: NonNegative[jax.Array | float] = 0.0
 
     def __call__(self, x):
         return (length(x - jnp.asarray(self.center, x.dtype)) - self.radius)[None].astype(x.dtype)
@@ -286,7 +285,7 @@ class Distance(TaskMap):
 
 @pytree
 class Composition(TaskMap):
-    """`y = maps[-1](... maps[0](x))`: the first map is applied first."""
+    """`y = maps[-1](... maps[0](x))`: the first of `maps` is applied first."""
 
     maps: tuple[Callable, ...]
 
@@ -319,7 +318,7 @@ class Composition(TaskMap):
 
 @pytree
 class Stack(TaskMap):
-    """The coordinates of several maps of the same vector, one after the other: `y = [psi_1(x), psi_2(x), ...]`."""
+    """The coordinates of `maps` of the same vector, one after the other: `y = [psi_1(x), psi_2(x), ...]`."""
 
     maps: tuple[Callable, ...]
 
@@ -333,13 +332,16 @@ class Stack(TaskMap):
 
 @pytree
 class Pointwise(TaskMap):
-    """A map of one point, applied to each of K points [K, m] alike.
+    """`task_map`, a map of one point, applied to each of K points [K, m] alike.
 
     >>> Pointwise(Distance(jnp.zeros(2)))(jnp.array([[3.0, 4.0], [0.0, 2.0]])).tolist()
     [[5.0], [2.0]]
     """
 
     task_map: Callable
+
+    def __post_init__(self):
+        set_field(self, "task_map", as_pytree(self.task_map))
 
     def __call__(self, x):
         return jax.vmap(self.task_map)(x)
@@ -349,23 +351,23 @@ class Pointwise(TaskMap):
 
 
 def compose(*maps: Callable) -> TaskMap:
-    """Task maps one after the other, the first applied first: `compose(f, g)(x) = g(f(x))`.
+    """Task maps `*maps` one after the other, the first applied first: `compose(f, g)(x) = g(f(x))`.
 
     >>> compose(Selection((0, 1)), Distance(jnp.zeros(2)))(jnp.array([3.0, 4.0, 9.0])).tolist()
     [5.0]
     """
     if not maps:
         return Identity()
-    return maps[0] if len(maps) == 1 and isinstance(maps[0], TaskMap) else Composition(tuple(maps))
+    return maps[0] if len(maps) == 1 and isinstance(maps[0], TaskMap) else Composition(tuple(map(as_pytree, maps)))
 
 
 def stack(*maps: Callable) -> Stack:
-    """Several task maps of the same coordinates side by side.
+    """Task maps `*maps` of the same coordinates side by side.
 
     >>> stack(Selection((0,)), Distance(jnp.zeros(2)))(jnp.array([3.0, 4.0])).tolist()
     [3.0, 5.0]
     """
-    return Stack(tuple(maps))
+    return Stack(tuple(map(as_pytree, maps)))
 
 
 def check_rigid(T, name: str = "pose", tolerance: float = 1e-4) -> np.ndarray:

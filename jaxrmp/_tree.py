@@ -5,38 +5,51 @@ of nodes is a node, and a leaf is a node that no other node makes up. What the n
 for energy and dissipation too, so a whole tree carries its own Lyapunov function.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 
 from ._errors import LeafError, ShapeError
 from ._forms import Form, Method, NaturalForm, resolve
-from ._pytree import pytree, static
-from ._task_map import transport
+from ._linalg import length
+from ._pytree import as_pytree, pytree, set_field, static
+from ._visitor import Leaves, Measured, Measurement, Visitor, evaluated
 
 
 class Node:
-    """A policy on a space: position and velocity in, natural form out."""
+    """A policy on a space: position and velocity in, natural form out.
+
+    A kind of node implements `accept`, in terms of the `Visitor`'s methods; all else follows from it.
+    """
+
+    def accept(self, visitor: Visitor, state: Any) -> Any:
+        """What `visitor` finds here, given the `state` that it carries down to here."""
+        raise NotImplementedError(f"{type(self).__name__} is a kind of node of its own and must implement accept.")
 
     def __call__(self, x: jax.Array, xd: jax.Array) -> NaturalForm:
-        raise NotImplementedError
+        return self.evaluate(x, xd).dense()
 
     def evaluate(self, x: jax.Array, xd: jax.Array) -> Form:
-        """What the call gives, with the structure of its metric kept: what task maps pull back."""
-        return self(x, xd)
+        """What the call gives at `x, xd`, with the structure of its metric kept: what task maps pull back."""
+        return evaluated(self, x, xd)
 
     def energy(self, x: jax.Array, xd: jax.Array) -> jax.Array:
-        """Lyapunov function `V = 1/2 xd^T G xd + Phi`, a scalar; zero from a leaf that has none."""
-        raise NotImplementedError
+        """Lyapunov function `V = 1/2 xd^T G xd + Phi` at `x, xd`, a scalar; zero from a leaf that has none."""
+        return self.accept(Measurement(energy=True), (x, xd)).energy
 
     def dissipation(self, x: jax.Array, xd: jax.Array) -> jax.Array:
-        """Rate of energy loss `xd^T B xd`, a scalar, per second; zero from a leaf that has none."""
-        raise NotImplementedError
+        """Rate of energy loss `xd^T B xd` at `x, xd`, a scalar, per second; zero from a leaf that has none."""
+        return self.accept(Measurement(dissipation=True), (x, xd)).dissipation
 
-    def leaves(self) -> Iterator["Leaf"]:
+    def measure(self, x: jax.Array, xd: jax.Array) -> Measured:
+        """Form, energy and dissipation at `x, xd` together, every task map evaluated once."""
+        return self.accept(Measurement(form=True, energy=True, dissipation=True), (x, xd))
+
+    def leaves(self) -> "tuple[Leaf, ...]":
         """The leaves below this node, in order."""
-        raise NotImplementedError
+        return self.accept(Leaves(), None)
 
     def __add__(self, other: "Node") -> "Sum":
         if not isinstance(other, Node):
@@ -45,8 +58,9 @@ class Node:
 
 
 class Leaf(Node):
-    """A node at the end of a branch. `certified` says whether it is a geometric dynamical system, `has_goal` whether it
-    is there to bring its space to one place, so that what is left to it (`inspection.gap`) tells success from failure.
+    """A node at the end of a branch. `name` is what reports call it, `certified` says whether it is a geometric
+    dynamical system, `has_goal` whether it is there to bring its space to one place, so that what is left to it
+    (`gap`) tells success from failure.
 
     A leaf that is not keeps the energies of the others but voids their sum as a certificate: it inherits the zero
     energy below and sets `certified = False`.
@@ -55,7 +69,7 @@ class Leaf(Node):
     made, for the other alone: a tree, or a call, would pass over it.
     """
 
-    name: str
+    name: str = "leaf"
     certified = True
     has_goal = False
     _written, _derived = "__call__", "evaluate"
@@ -68,14 +82,29 @@ class Leaf(Node):
                 f"{cls._written}."
             )
 
+    def accept(self, visitor, state):
+        return visitor.visit_leaf(self, state)
+
+    def __call__(self, x, xd):
+        raise NotImplementedError
+
+    def evaluate(self, x, xd):
+        return self(x, xd)
+
     def energy(self, x, xd):
         return jnp.zeros((), x.dtype)
 
     def dissipation(self, x, xd):
         return jnp.zeros((), x.dtype)
 
-    def leaves(self):
-        yield self
+    def measure(self, x, xd):
+        return Measured(self.evaluate(x, xd), self.energy(x, xd), self.dissipation(x, xd))
+
+    def gap(self, x: jax.Array) -> jax.Array:
+        """How far the leaf is from what it is about, a scalar in units of x: the distance left to its goal, or the
+        least distance that it keeps. NaN if it is about no place, as damping is; if it has a goal and does not say
+        where, `|x|`."""
+        return length(x.reshape(-1)) if self.has_goal else jnp.full((), jnp.nan, x.dtype)
 
 
 class SeparableLeaf(Leaf):
@@ -92,59 +121,33 @@ class SeparableLeaf(Leaf):
 
 @pytree
 class Sum(Node):
-    """Policies on the same space, acting together: forces and metrics add."""
+    """Policies on the same space, `nodes`, acting together: forces and metrics add."""
 
     nodes: tuple[Node, ...]
 
-    def __call__(self, x, xd):
-        return self.evaluate(x, xd).dense()
-
-    def evaluate(self, x, xd):
-        total = self.nodes[0].evaluate(x, xd)
-        for node in self.nodes[1:]:
-            total = total + node.evaluate(x, xd)
-        return total
-
-    def energy(self, x, xd):
-        return sum(node.energy(x, xd) for node in self.nodes)
-
-    def dissipation(self, x, xd):
-        return sum(node.dissipation(x, xd) for node in self.nodes)
-
-    def leaves(self):
-        for node in self.nodes:
-            yield from node.leaves()
+    def accept(self, visitor, state):
+        return visitor.visit_sum(self.nodes, state)
 
 
 @pytree
 class Pullback(Node):
-    """A policy on another space, seen from this one through a task map."""
+    """A policy on another space, `node`, seen from this one through `task_map`."""
 
     task_map: Callable[[jax.Array], jax.Array]
     node: Node
 
-    def __call__(self, x, xd):
-        return self.evaluate(x, xd).dense()
+    def __post_init__(self):
+        set_field(self, "task_map", as_pytree(self.task_map))
 
-    def evaluate(self, x, xd):
-        y, yd, pull = transport(self.task_map, x, xd)
-        return pull(self.node.evaluate(y, yd))
-
-    def energy(self, x, xd):
-        return self.node.energy(*jax.jvp(self.task_map, (x,), (xd,)))
-
-    def dissipation(self, x, xd):
-        return self.node.dissipation(*jax.jvp(self.task_map, (x,), (xd,)))
-
-    def leaves(self):
-        yield from self.node.leaves()
+    def accept(self, visitor, state):
+        return visitor.visit_pullback(self.task_map, self.node, state)
 
 
 @pytree
 class Batched(Node):
     """One policy at K points [K, m] at once, evaluated as one batch.
 
-    The node's parameters carry a leading axis of K, one policy a point, unless `shared`, when every point has the
+    The parameters of `node` carry a leading axis of K, one policy a point, unless `shared`, when every point has the
     same. Much faster to run and to compile than K nodes in a sum.
 
     **Raises** `ShapeError` if the parameters do not all have that leading axis.
@@ -161,32 +164,33 @@ class Batched(Node):
                 "Stack them with batched(node, node, ...), or say shared=True if all points have the same parameters."
             )
 
-    def __call__(self, x, xd):
-        return self.evaluate(x, xd).dense()
+    def accept(self, visitor, state):
+        return visitor.visit_batched(self.node, self.shared, state)
 
-    def evaluate(self, x, xd):
-        return self._over_points(lambda node, x, xd: node.evaluate(x, xd), x, xd)
 
-    def energy(self, x, xd):
-        return jnp.sum(self._over_points(lambda node, x, xd: node.energy(x, xd), x, xd))
+@pytree
+class Scaled(Node):
+    """A policy of which a `share` counts: force, metric, energy and dissipation alike; with 0, it is switched off.
 
-    def dissipation(self, x, xd):
-        return jnp.sum(self._over_points(lambda node, x, xd: node.dissipation(x, xd), x, xd))
+    A scaled geometric dynamical system is one too, so the certificate holds for every share that stays as it is.
 
-    def leaves(self):
-        yield from self.node.leaves()
+    >>> from jaxrmp.leaves import Damping
+    >>> Scaled(Damping(weight=2.0), 0.5)(jnp.zeros(1), jnp.ones(1)).M.tolist()
+    [[1.0]]
+    """
 
-    def _over_points(self, evaluate, x, xd):
-        K = None if self.shared else jnp.shape(jax.tree.leaves(self.node)[0])[0]
-        if x.ndim < 2 or K not in (None, x.shape[0]):
-            raise ShapeError(f"x has shape {x.shape}, expected [{K or 'K'}, m]: a batched node acts on points.")
-        return jax.vmap(evaluate, in_axes=(None if self.shared else 0, 0, 0))(self.node, x, xd)
+    node: Node
+    share: jax.Array | float
+
+    def accept(self, visitor, state):
+        return visitor.visit_scaled(self.node, self.share, state)
 
 
 def pullback(task_map: Callable[[jax.Array], jax.Array], node: Node) -> Pullback:
     """See a policy on `y = psi(x)` as a policy on x: `f = J^T (f_y - M_y Jdot xd)`, `M = J^T M_y J`.
 
-    **Arguments**: `task_map`, a `TaskMap` or any differentiable function; `node`, a policy on its range.
+    **Arguments**: `task_map`, a `TaskMap` or any differentiable function (a new function compiles anew: what is to move
+    without that goes into a `TaskMap`'s fields, or into `jax.tree_util.Partial`); `node`, a policy on its range.
     **Returns** a node on the map's domain; energy and dissipation are pulled back with it.
 
     >>> import jax.numpy as jnp
@@ -202,7 +206,7 @@ def pullback(task_map: Callable[[jax.Array], jax.Array], node: Node) -> Pullback
 
 
 def batched(*nodes: Node) -> Batched:
-    """Nodes of the same kind at K points [K, m], stacked into one `Batched` node.
+    """`*nodes` of the same kind at K points [K, m], stacked into one `Batched` node.
 
     **Raises** `ShapeError` for nodes that are not alike in all but the values of their parameters.
 

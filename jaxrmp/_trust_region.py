@@ -31,8 +31,8 @@ def resolve_within(form: NaturalForm, max_norm: jax.Array | float, tolerance: ja
 
     More and Sorensen 1983, section 3: Newton's method on `1 / |a(lambda)|`, which is concave and rising.
     """
-    require_number("resolve_within", "max_norm", max_norm, "positive")
-    require_number("resolve_within", "tolerance", tolerance, "positive")
+    require_number("resolve_within", "max_norm", max_norm)
+    require_number("resolve_within", "tolerance", tolerance)
     f, M = form.f, form.M
     eye = jnp.eye(f.shape[-1], dtype=f.dtype)
     f_now, M_now, bound = jax.lax.stop_gradient((f, M, jnp.asarray(max_norm, f.dtype)))

@@ -161,8 +161,8 @@ print(f"hand ends {np.linalg.norm(hand[-1] - GOAL):.1e} m from the goal, clearan
 
 # %%
 tree = sum(
-    (jaxrmp.pullback(psi, jaxrmp.GDS(*leaf)) for psi, leaf in SPACES[1:]),
-    start=jaxrmp.pullback(to_goal, jaxrmp.GDS(*attractor)),
+    (jaxrmp.pullback(psi, jaxrmp.GeometricDynamicalSystem.of(*leaf)) for psi, leaf in SPACES[1:]),
+    start=jaxrmp.pullback(to_goal, jaxrmp.GeometricDynamicalSystem.of(*attractor)),
 )
 rng = np.random.default_rng(0)
 states = jnp.asarray(np.asarray(q)[rng.integers(0, 3000, 200)])

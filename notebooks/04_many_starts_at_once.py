@@ -41,9 +41,9 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import jaxrmp
-from jaxrmp import evaluation, leaves
+from jaxrmp import evaluation, leaves, scenes
 from jaxrmp.kinematics import ControlPoints, panda
-from jaxrmp.simulation import FAST_ON_CPU, KinematicEngine, MjxEngine, Problem, StopCriteria, arm_alone
+from jaxrmp.simulation import FAST_ON_CPU, KinematicEngine, MjxEngine, Problem, StopCriteria
 
 # Compiled programs are kept between runs; the library itself never switches this on.
 jax.config.update("jax_compilation_cache_dir", str(Path(tempfile.gettempdir()) / "jaxrmp_notebooks"))
@@ -91,7 +91,7 @@ print(f"{(time.perf_counter() - began) / 20 / len(Q) * 1e9:.0f} ns for one of {l
 # %%
 criteria = StopCriteria(tolerance=0.01, duration=8.0)
 kinematic = evaluation.evaluate(KinematicEngine(problem, criteria, dt=0.005), problem, limits, starts[:128], batch=32)
-kinds = {kind.name.lower(): int((kinematic.ends.kind == kind).sum()) for kind in evaluation.End}
+kinds = {kind.name.lower(): int((kinematic.ends.kind == kind).sum()) for kind in evaluation.KINDS}
 print(
     kinds, f"median {np.median(kinematic.seconds):.1f} s, energy rises by at most {kinematic.energy_increase.max():.1e}"
 )
@@ -111,7 +111,7 @@ plt.show()
 # %%
 few, soon = starts[:32], StopCriteria(tolerance=0.01, duration=0.5)
 began = time.perf_counter()
-physics = MjxEngine(arm_alone(), problem, soon)
+physics = MjxEngine(scenes.arm_alone(), problem, soon)
 state = physics.begin(few)
 state = physics.advance(state)
 compiled = time.perf_counter() - began

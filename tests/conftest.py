@@ -1,8 +1,11 @@
-"""What all tests share: compiled programs kept between runs, and the real recordings where they are at hand."""
+"""What all tests share: compiled programs kept between runs, skills learned once, and what a worker may hold."""
 
 import ctypes.util
+import gc
 import os
+import resource
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import jax
@@ -16,6 +19,12 @@ DISPLAY = bool(os.environ.get("MUJOCO_GL") or os.environ.get("DISPLAY")) or sys.
 if not DISPLAY and ctypes.util.find_library("OSMesa"):
     os.environ["MUJOCO_GL"] = "osmesa"  # read when mujoco is imported, whichever test does so first
     DISPLAY = True
+
+CONFIGS = Path(__file__).parents[1] / "configs"
+MOST_MB = 2500  # that a worker may ever hold
+FULL_MB = 1100  # above this, compiled programs are let go before their file ends
+LESS = {"metric.updates": 100, "potential.widths": [0.05], "potential.basin_starts": 100}
+FEW = [word for name, value in LESS.items() for word in (f"--{name}", str(value))]
 
 
 @pytest.fixture(scope="session")
@@ -31,3 +40,134 @@ def recordings() -> Path:
     if not folder.is_dir():
         pytest.skip("needs the real recordings: set JAXRMP_DATA to the folder that holds franka/")
     return folder
+
+
+@pytest.fixture(scope="session")
+def once(tmp_path_factory) -> Callable[[str, Callable[[Path], object]], Path]:
+    """`once(name, make)`: a folder that `make(folder)` fills for all workers together, the first that asks."""
+    from filelock import FileLock
+
+    base = tmp_path_factory.getbasetemp()
+    base = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
+
+    def once(name: str, make: Callable[[Path], object]) -> Path:
+        folder, done = base / f"once-{name}", base / f"once-{name}.done"
+        with FileLock(f"{done}.lock"):
+            if not done.exists():
+                folder.mkdir(exist_ok=True)
+                make(folder)
+                done.touch()
+        return folder
+
+    return once
+
+
+@pytest.fixture(scope="session")
+def drawer_demonstrations(once) -> Path:
+    """The folder that `jaxrmp demonstrate drawer_closing` writes: six synthetic demonstrations. Only to be read."""
+    from jaxrmp.cli import main
+
+    def make(folder: Path) -> None:
+        assert main(["demonstrate", "drawer_closing", str(folder / "drawer")]) == 0
+
+    return once("drawer-demonstrations", make) / "drawer"
+
+
+@pytest.fixture(scope="session")
+def learned_drawer(once, drawer_demonstrations) -> Path:
+    """The folder that `jaxrmp learn` writes for the drawer: a skill file and its reports. Only to be read.
+
+    Learned from `drawer_demonstrations` with little work (`LESS`); `learned.json` holds what `--json` says.
+    """
+    from jaxrmp.cli import main
+
+    def make(folder: Path) -> None:
+        command = ["learn", str(CONFIGS / "drawer_closing.toml"), "--demos", str(drawer_demonstrations), *FEW]
+        assert main([*command, "--out", str(folder), "--json", str(folder / "learned.json")]) == 0
+
+    return once("learned-drawer", make)
+
+
+@pytest.fixture(scope="session")
+def drawer_skill(learned_drawer):
+    """The skill of `learned_drawer`: three control points of the Panda's hand, in the drawer's frame."""
+    from jaxrmp.learning import load_skill
+
+    return load_skill(learned_drawer / "drawer_closing.skill.npz")
+
+
+@pytest.fixture(scope="session")
+def door_learning(once):
+    """A `Learning` of the door, from six synthetic demonstrations with little work (`LESS`)."""
+    import pickle
+
+    from jaxrmp.kinematics import panda
+    from jaxrmp.learning import learn, load_configuration
+    from jaxrmp.synthetic import synthetic_demonstrations
+
+    def make(folder: Path) -> None:
+        configuration = load_configuration(CONFIGS / "door_reaching.toml", LESS)
+        learning = learn(configuration, panda(), synthetic_demonstrations("door_reaching"))
+        (folder / "learning.pickle").write_bytes(pickle.dumps(learning))
+
+    return pickle.loads((once("door-learning", make) / "learning.pickle").read_bytes())
+
+
+def held_mb() -> int:
+    """What this process holds in memory, MB; on systems without /proc, the most that it ever held."""
+    try:
+        return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") >> 20
+    except OSError:
+        return peak_mb()
+
+
+def peak_mb() -> int:
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss >> (20 if sys.platform == "darwin" else 10)
+
+
+def cpu_seconds() -> float:
+    used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    return sum(u.ru_utime + u.ru_stime for u in used)
+
+
+def trim() -> None:
+    """Give back to the system what is free: compiling frees much that the allocator keeps."""
+    gc.collect()
+    if sys.platform == "linux":
+        ctypes.CDLL(None).malloc_trim(0)
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_runtest_teardown(item, nextitem):
+    """JAX never lets a compiled program go by itself: what a file compiled goes with it, or earlier if it is much."""
+    over = nextitem is None or nextitem.path != item.path
+    if not over and held_mb() > FULL_MB:
+        trim()
+        over = held_mb() > FULL_MB
+    if over:
+        jax.clear_caches()
+        trim()
+
+
+def pytest_sessionfinish(session):
+    found = {"mb": peak_mb(), "seconds": cpu_seconds()}
+    output = getattr(session.config, "workeroutput", None)
+    if output is not None:
+        output.update(found)
+    elif not getattr(session.config.option, "numprocesses", None):
+        session.config.stash.setdefault(USED, {})["the process"] = found
+
+
+USED = pytest.StashKey[dict]()
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_testnodedown(node, error):
+    if hasattr(node, "workeroutput"):
+        node.config.stash.setdefault(USED, {})[node.gateway.id] = dict(node.workeroutput)
+
+
+def pytest_terminal_summary(terminalreporter, config):
+    for name, found in sorted(config.stash.get(USED, {}).items()):
+        told = f"{name}: {found['seconds'] / 60:.1f} min of CPU time, at most {found['mb']} MB"
+        terminalreporter.write_line(told + (f", more than {MOST_MB}" if found["mb"] > MOST_MB else ""))

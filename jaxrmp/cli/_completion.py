@@ -4,9 +4,10 @@ import argparse
 import shlex
 from collections.abc import Iterator
 
-from ._parser import SCENES, TASKS, build_parser
+from ..scenes import SCENES
+from ._parser import TASKS, build_parser
 
-_WORDS = {"TASK": TASKS, "NAME": SCENES}  # of arguments whose values are checked later, by metavar
+_WORDS = {"TASK": TASKS, "SCENE": tuple(SCENES)}  # of arguments whose values are checked later, by metavar
 
 
 def run(arguments: argparse.Namespace, rest: list[str]) -> None:

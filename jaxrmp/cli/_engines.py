@@ -6,10 +6,8 @@ import subprocess
 import sys
 from typing import Any
 
-import numpy as np
-
 from .._errors import ConfigurationError
-from ..kinematics import Robot, panda
+from ..kinematics import Robot
 
 
 def needs_fast_xla(arguments: argparse.Namespace) -> bool:
@@ -38,29 +36,22 @@ def again_with_fast_xla(command_line: list[str]) -> int:
 def engine_of(arguments: argparse.Namespace, skill: Any, robot: Robot, criteria: Any) -> tuple[Any, Any]:
     """The engine and the problem that it rolls out.
 
-    **Raises** `ConfigurationError` for a robot or a time step that the engine does not have.
+    **Raises** what `scene_of` and `arm_alone` raise, `ConfigurationError` for a time step that the engine does not
+    have.
     """
     from ..evaluation import scene_problem, skill_problem
-    from ..scenes import scene
-    from ..simulation import KinematicEngine, MjxEngine, MujocoEngine, arm_alone, arm_in_scene
-    from ._run import check_scene
+    from ..scenes import arm_alone
+    from ..simulation import KinematicEngine, MjxEngine, MujocoEngine
+    from ._sources import scene_of
 
     if not 0 < arguments.dt < criteria.duration:
         raise ConfigurationError(f"--dt {arguments.dt}: expected more than 0 and less than --duration.")
-    place = None
-    if arguments.scene is not None:
-        place = scene(arguments.scene, T_world_object=np.asarray(skill.T_world_object, float))
-        check_scene(skill, place.name)
-    if (place or arguments.physics != "kinematic") and robot.fingerprint != panda().fingerprint:
-        raise ConfigurationError(
-            f"scenes and physics have the built-in Panda, and the skill was learned on {robot.name!r}: use "
-            "--physics kinematic without --scene."
-        )
-    problem = skill_problem(skill, robot) if place is None else scene_problem(skill, robot, place)
+    place = None if arguments.scene is None else scene_of(arguments.scene, skill)
+    problem = skill_problem(skill, robot) if place is None else scene_problem(skill, place.robot, place)
     if arguments.physics == "kinematic":
         return KinematicEngine(problem, criteria, dt=arguments.dt), problem
-    arm = arm_alone() if place is None else arm_in_scene(place)
-    if abs(arguments.dt - arm.model.opt.timestep) > 1e-9:
-        raise ConfigurationError(f"--dt {arguments.dt}: physics runs in steps of {arm.model.opt.timestep} s.")
+    place = place or arm_alone(skill.configuration.robot, robot)
+    if abs(arguments.dt - place.model.opt.timestep) > 1e-9:
+        raise ConfigurationError(f"--dt {arguments.dt}: physics runs in steps of {place.model.opt.timestep} s.")
     engine = MujocoEngine if arguments.physics == "mujoco" else MjxEngine
-    return engine(arm, problem, criteria), problem
+    return engine(place, problem, criteria), problem

@@ -169,7 +169,8 @@ def _read_starts(path: Path) -> np.ndarray:
 
 
 def _replayed(arguments: argparse.Namespace, found: Any) -> str:
-    from ..evaluation import KINDS, End
+    from ..evaluation import KINDS
+    from ..simulation import End
 
     evaluation = found.evaluation
     if arguments.save:

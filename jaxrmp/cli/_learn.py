@@ -11,12 +11,12 @@ from ._output import error_table, made_by, progress_bar, write_json
 from ._overrides import parse_overrides
 from ._report_pages import learning_page, pictures_in
 from ._reproduce import result_dict
-from ._sources import default_demonstrations, find_demonstrations, robot_of
+from ._sources import default_demonstrations, find_demonstrations
 
 
 def run(arguments: argparse.Namespace, rest: list[str]) -> None:
     configuration = load_configuration(arguments.config, parse_overrides(rest))
-    robot = robot_of(configuration)
+    robot = configuration.load_robot()
     demonstrations = find_demonstrations(arguments.demos or default_demonstrations(configuration.name))
     out = arguments.out or Path("out") / configuration.name
     if out.exists() and not out.is_dir():

@@ -11,7 +11,7 @@ from ._parser import build_parser
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line and return its exit code."""
+    """Run the command line `arguments`, by default the process's own, and return its exit code."""
     parser = build_parser()
     parsed, rest = parser.parse_known_args(arguments)
     if rest and not getattr(parsed, "takes_overrides", False):

@@ -1,20 +1,24 @@
-"""The arguments of every command. Imports no more than it needs to parse them, so that help comes at once."""
+"""The arguments of every command. Imports none of the modules that do the work, so that help comes at once."""
 
 import argparse
 from pathlib import Path
 
 from .. import __version__
+from ..scenes import SCENES
 
 EXIT_CODES = "exit codes: 0 done, 1 an error that the message explains, 2 wrong usage, 130 interrupted"
 TASKS = ("drawer_closing", "door_reaching")
-SCENES = ("drawer", "drawer_obstacle", "door")
+_SCENE = f"{', '.join(SCENES)}, or your own: FILE.py or FILE.py:FUNCTION"
 DEMOS = "a folder of demonstrations, or synthetic:TASK; default "
 
 
 def build_parser() -> argparse.ArgumentParser:
     """The parser of `jaxrmp`; `command` is the name of the module in this package whose `run` does the work."""
     parser = argparse.ArgumentParser(
-        prog="jaxrmp", description="Stable reactive robot motion policies from demonstrations.", epilog=EXIT_CODES
+        prog="jaxrmp",
+        description="Stable reactive motion policies for robots: learn them from demonstrations, evaluate them, run "
+        "them in physics, and watch them, learned or hand-designed, in the browser.",
+        epilog=EXIT_CODES,
     )
     parser.add_argument("--version", action="version", version=f"jaxrmp {__version__}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
@@ -78,13 +82,12 @@ def _add_run(commands) -> None:
         "run",
         help="run a skill in physics",
         description="Trials in MuJoCo at 1 kHz with contacts and torque limits: first from every demonstration's "
-        "start, then with seeded starts (drawer), places of the cylinder (drawer_obstacle) or poses of the door. "
-        "Success is physical: the drawer closed to 5 mm; the hand at the standoff pose to 1 cm and 10 degrees, "
-        "nothing touched.",
+        "start, then with seeded variations of them. What varies and what success is, the scene says: the drawer "
+        "closed to 5 mm; the hand at the standoff pose to 1 cm and 10 degrees, nothing touched.",
         epilog="example: jaxrmp run out/drawer_closing/drawer_closing.skill.npz --scene drawer --video out/drawer.mp4",
     )
     parser.add_argument("skill", metavar="SKILL", help="skill file written by jaxrmp learn")
-    parser.add_argument("--scene", choices=SCENES, required=True, help="where")
+    parser.add_argument("--scene", metavar="SCENE", required=True, help=_SCENE)
     parser.add_argument("--trials", metavar="N", type=int, default=6, help="how many trials, default 6")
     parser.add_argument("--trial", metavar="K", type=int, help="run trial K of these alone: replays it")
     parser.add_argument("--displace", action="store_true", help="move the object by 10 cm during execution")
@@ -145,7 +148,7 @@ def _add_evaluate(commands) -> None:
         default="kinematic",
         help="what moves the joints: the policy itself (default), native MuJoCo, or MJX",
     )
-    parser.add_argument("--scene", metavar="NAME", help=f"{', '.join(SCENES)}; default the arm alone")
+    parser.add_argument("--scene", metavar="SCENE", help=_SCENE + "; default the arm alone")
     parser.add_argument("--robot", metavar="FILE", help="robot file, if it is no longer where the skill was learned")
     parser.add_argument("--dt", metavar="S", type=float, default=0.001, help="seconds a step, default 0.001")
     parser.add_argument(
@@ -197,9 +200,11 @@ def _add_view(commands) -> None:
     parser.add_argument("skill", metavar="SKILL", nargs="?", help="skill file; default a hand-designed policy")
     parser.add_argument("--robot", metavar="FILE", help="MJCF or URDF file, default the Panda, or the skill's robot")
     parser.add_argument("--frame", metavar="FRAME", help="without SKILL: the frame that is taken to the goal")
-    parser.add_argument("--scene", choices=SCENES, help="furniture around the skill")
+    parser.add_argument("--scene", metavar="SCENE", help="furniture around the skill: " + _SCENE)
     parser.add_argument("--demos", metavar="DIR", help=DEMOS + "those it was learned from")
-    parser.add_argument("--balls", metavar="N", type=int, choices=(0, 1, 2), help="draggable obstacles, default 1")
+    parser.add_argument(
+        "--balls", metavar="N", type=int, choices=(0, 1, 2), help="draggable obstacles, default 1, in a scene 0"
+    )
     _add_page(parser)
 
 

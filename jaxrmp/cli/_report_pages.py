@@ -4,8 +4,8 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from .. import _page
-from .._page import heading, numbers, paragraph, percent, table
+from ..reports import _page
+from ..reports._page import heading, numbers, paragraph, percent, table
 
 FIGURES = {
     "vector_field": (

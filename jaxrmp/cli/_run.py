@@ -2,6 +2,7 @@
 
 import argparse
 import sys
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -18,16 +19,13 @@ from ..learning import (
     prepare,
     reproduction_errors,
 )
-from ..scenes import scene as build_scene
+from ..policies import whole_arm_policy
 from ..simulation import (
-    Criteria,
-    Outcome,
     Rollout,
     Run,
     TrackerSettings,
     run_trials,
     sample_trials,
-    whole_arm_policy,
 )
 from ..visualization import (
     check_video_name,
@@ -40,7 +38,7 @@ from ..visualization import (
 )
 from ._output import made_by, progress_bar, write_json
 from ._report_pages import FIGURES, pictures_in, run_page
-from ._sources import demonstrations_of
+from ._sources import demonstrations_of, scene_of
 
 
 def run(arguments: argparse.Namespace, rest: list[str]) -> None:
@@ -49,9 +47,7 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
     if arguments.video or arguments.figures:
         prepare_headless()
     skill = load_skill(arguments.skill)
-    check_scene(skill, arguments.scene)
-    scene = build_scene(arguments.scene, T_world_object=np.asarray(skill.T_world_object, float))
-    skill.check_robot(scene.robot)
+    scene = scene_of(arguments.scene, skill)
     demonstrations = demonstrations_of(skill, arguments.demos)
     with progress_bar(arguments.quiet) as progress:
         progress("preparing", 0.0)
@@ -68,12 +64,13 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
             if not 0 <= arguments.trial < len(trials):
                 raise ConfigurationError(f"--trial {arguments.trial}: there are trials 0 to {len(trials) - 1}.")
             trials = [trials[arguments.trial]]
-        T_object_wrist = demonstrated_end(prepared, scene.robot, "panda_hand_tcp")
+        if scene.hand:
+            scene = replace(scene, T_object_hand=demonstrated_end(prepared, scene.robot, scene.hand))
         result = run_trials(
             scene,
             whole_arm_policy(skill, scene.robot),
             trials,
-            criteria=Criteria(T_object_wrist=T_object_wrist if scene.name == "door" else None, limit=arguments.limit),
+            limit=arguments.limit,
             tracker=_tracker(arguments, skill),
             interface=arguments.interface,
             learned_rate=arguments.learned_rate,
@@ -129,19 +126,6 @@ def _figures(
     return {FIGURES[name][0]: (png(figure), FIGURES[name][1]) for name, figure in figures.items()}
 
 
-def check_scene(skill: Skill, scene: str) -> None:
-    """**Raises** `ConfigurationError` if the skill needs an object that the scene does not have, or the other way."""
-    needed, there = skill.configuration.object, "door_handle" if scene == "door" else ""
-    if (needed or "") != there:
-        name = skill.configuration.name
-        raise ConfigurationError(
-            f"skill {name!r} needs object {needed!r}, which scene {scene!r} does not have: use --scene door."
-            if needed
-            else f"scene {scene!r} tracks the object {there!r}, and skill {name!r} lives in the frame of the arm's "
-            "base: use --scene drawer or drawer_obstacle."
-        )
-
-
 def _tracker(arguments: argparse.Namespace, skill: Skill) -> TrackerSettings | None:
     wanted = arguments.tracker == "on" or (
         arguments.tracker == "auto" and (skill.configuration.object or arguments.displace)
@@ -158,7 +142,16 @@ def _tracker(arguments: argparse.Namespace, skill: Skill) -> TrackerSettings | N
 
 def report_dict(result: Run, first: int = 0) -> dict[str, Any]:
     """What --json writes: the scene, how many trials succeeded, and every trial."""
-    per_trial = [{"trial": first + k, **outcome._asdict()} for k, outcome in enumerate(result.outcomes)]
+    per_trial = [
+        {
+            "trial": first + k,
+            "success": outcome.success,
+            **outcome._asdict(),
+            "end": outcome.end.name.lower(),
+            "diverged": outcome.diverged,
+        }
+        for k, outcome in enumerate(result.outcomes)
+    ]
     return {
         "scene": result.scene.name,
         "trials": len(result.outcomes),
@@ -171,11 +164,10 @@ def outcome_table(report: dict[str, Any]) -> str:
     """All trials as a table, a line each, and what to know about torques and speeds."""
     lines = ["trial  success  error_mm  angle_deg  clearance_mm  time_s  reason"]
     for trial in report["per_trial"]:
-        outcome = Outcome(**{name: trial[name] for name in Outcome._fields})
-        angle = "-" if np.isnan(outcome.final_angle_deg) else f"{outcome.final_angle_deg:.1f}"
+        angle = "-" if np.isnan(trial["final_angle_deg"]) else f"{trial['final_angle_deg']:.1f}"
         lines.append(
-            f"{trial['trial']:>5}{'yes' if outcome.success else 'no':>9}{1000 * outcome.final_error_m:>10.1f}"
-            f"{angle:>11}{1000 * outcome.min_clearance_m:>14.1f}{outcome.time_s:>8.1f}  {outcome.reason}"
+            f"{trial['trial']:>5}{'yes' if trial['success'] else 'no':>9}{1000 * trial['final_error_m']:>10.1f}"
+            f"{angle:>11}{1000 * trial['min_clearance_m']:>14.1f}{trial['time_s']:>8.1f}  {trial['reason']}"
         )
     saturated = [t for t in report["per_trial"] if t["saturated"] > 0]
     if saturated:

@@ -4,19 +4,15 @@ import os
 from dataclasses import replace
 from pathlib import Path
 
-from .._errors import DemonstrationError, RobotError
-from ..kinematics import Robot, load_robot, panda
-from ..learning import Configuration, DemonstrationSet, Skill, load_demonstrations, load_skill
+import numpy as np
+
+from .._errors import DemonstrationError
+from ..kinematics import Robot
+from ..learning import DemonstrationSet, Skill, load_demonstrations, load_skill
+from ..scenes import Scene, scene
 from ..synthetic import SYNTHETIC_TASKS, synthetic_demonstrations
 
 SYNTHETIC = "synthetic:"
-
-
-def robot_of(configuration: Configuration) -> Robot:
-    """The built-in Panda, or the robot of the MJCF or URDF file that the configuration names."""
-    if configuration.robot == "panda":
-        return panda()
-    return load_robot(configuration.robot, fixed=dict(configuration.fixed_joints))
 
 
 def skill_and_robot(file: str | os.PathLike, named: str | None) -> tuple[Skill, Robot]:
@@ -25,15 +21,20 @@ def skill_and_robot(file: str | os.PathLike, named: str | None) -> tuple[Skill, 
     The skill's configuration then names that robot. **Raises** `RobotError` if it has other kinematics.
     """
     skill = load_skill(file)
-    configuration = replace(skill.configuration, robot=named) if named else skill.configuration
-    try:
-        robot = robot_of(configuration)
-    except RobotError as error:
-        if named:
-            raise
-        raise RobotError(f"the robot that the skill was learned on: {error} If it has moved: --robot FILE.") from error
-    skill.check_robot(robot)
-    return replace(skill, configuration=configuration), robot
+    robot = skill.load_robot(named)
+    return replace(skill, configuration=replace(skill.configuration, robot=named)) if named else skill, robot
+
+
+def scene_of(named: str, skill: Skill) -> Scene:
+    """The scene of a name or file, its object where the skill has it.
+
+    **Raises** what `scenes.scene` raises, `RobotError` for another robot than the skill's, `ConfigurationError` for
+    another object.
+    """
+    place = scene(named, T_world_object=np.asarray(skill.T_world_object, float))
+    place.check_object(skill.configuration.object, skill.configuration.name)
+    skill.check_robot(place.robot)
+    return place
 
 
 def default_demonstrations(skill: str) -> str:

@@ -3,16 +3,11 @@
 import argparse
 import sys
 
-import numpy as np
-
 from .._errors import ConfigurationError, DemonstrationError
-from ..kinematics import panda
 from ..learning import prepare
-from ..scenes import scene as build_scene
 from ..viewer import Viewer, reach_content, skill_content
 from ._pages import show
-from ._run import check_scene
-from ._sources import demonstrations_of, skill_and_robot
+from ._sources import demonstrations_of, scene_of, skill_and_robot
 
 
 def run(arguments: argparse.Namespace, rest: list[str]) -> None:
@@ -32,10 +27,7 @@ def _viewer(arguments: argparse.Namespace) -> Viewer:
     skill, robot = skill_and_robot(arguments.skill, arguments.robot)
     place = None
     if arguments.scene:
-        if robot.fingerprint != panda().fingerprint:
-            raise ConfigurationError(f"scenes have the built-in Panda, and the skill was learned on {robot.name!r}.")
-        check_scene(skill, arguments.scene)
-        place = build_scene(arguments.scene, T_world_object=np.asarray(skill.T_world_object, float))
+        place = scene_of(arguments.scene, skill)
     prepared = None
     try:
         prepared = prepare(skill.configuration, robot, demonstrations_of(skill, arguments.demos))

@@ -1,8 +1,7 @@
 """Skills judged over thousands of starts: how each rollout ends, where else it rests, and whether energy falls."""
 
 from ._distribution import join_processes as join_processes
-from ._distribution import shared_out as shared_out
-from ._ends import End as End
+from ._distribution import map_over_processes as map_over_processes
 from ._ends import Ends as Ends
 from ._ends import classify_ends as classify_ends
 from ._evaluate import Evaluation as Evaluation

@@ -1,4 +1,4 @@
-"""Starts shared out among processes, on one machine or several, and what they found brought together again."""
+"""Starts divided among processes, on one machine or several, and what they found gathered in every one."""
 
 from collections.abc import Callable
 from typing import Any
@@ -25,10 +25,11 @@ def join_processes(coordinator: str, processes: int, process: int) -> None:
         ) from error
 
 
-def shared_out(work: Callable[[np.ndarray], Any], starts: np.ndarray) -> Any:
+def map_over_processes(work: Callable[[np.ndarray], Any], starts: np.ndarray) -> Any:
     """`work(starts)`, done by all processes on every P-th start each, the whole result in every one of them.
 
-    **Arguments**: `work`, from starts [M, n] to a pytree of arrays [M, ...] in which row i belongs to start i.
+    **Arguments**: `work`, from starts [M, n] to a pytree of arrays [M, ...] in which row i belongs to start i; `starts`
+    [N, n], the same in all processes. **Raises** `ConfigurationError` for fewer starts than processes.
     """
     P, me = jax.process_count(), jax.process_index()
     if P == 1:

@@ -1,6 +1,5 @@
 """What kind of end each rollout came to."""
 
-import enum
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -9,34 +8,23 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._tree import Node
-from ..simulation import Outcomes, Problem, Status
+from ..simulation import End, Outcomes, Problem
 
 _BATCH = 256
-_PUSHES = 1e-3  # N m (or N), what a limit must push with at least to be what holds the arm
-
-
-class End(enum.IntEnum):
-    """Kinds of ends. A rest is a stop at a joint limit if a limit leaf pushes there and nothing else is wrong."""
-
-    CONVERGED = 1
-    STOPPED_AT_LIMIT = 2
-    HELD_BY_CONTACT = 3
-    SPURIOUS = 4
-    UNFINISHED = 5
-    DIVERGED = 6
+_LEAST_FORCE = 1e-3  # N m (or N), what a limit must push with at least to be what holds the arm
 
 
 class Ends(NamedTuple):
     """Of N rollouts: `kind` [N], an `End`; `points` [N, K, 3], the control points less their targets, m; `hand` [N, 3],
-    the first of them in the world, m; `error` [N], the largest distance of one to its target, m; `push` [N, n], what
-    the joint limits push with, N m; `residual` [N], the largest entry of the force that is left there, N m; `margin`
-    [N, n], the joints' distance to their limits."""
+    the first of them in the world, m; `error` [N], the largest distance of one to its target, m; `limit_force` [N, n],
+    of the joint limits, N m; `residual` [N], the largest entry of the force that is left there, N m; `margin` [N, n],
+    the joints' distance to their limits."""
 
     kind: np.ndarray
     points: np.ndarray
     hand: np.ndarray
     error: np.ndarray
-    push: np.ndarray
+    limit_force: np.ndarray
     residual: np.ndarray
     margin: np.ndarray
 
@@ -48,26 +36,24 @@ def classify_ends(problem: Problem, limits: Node | None, outcomes: Outcomes) -> 
     left over there, the arm stands at that limit: a stop that the report states, for the way on is barred. A rest
     without is a spurious rest point: a minimum of the potential away from the goal.
 
-    **Arguments**: `limits`, the leaf of the joint limits as a node on joint space, None without.
+    **Arguments**: `problem`, what was rolled out; `limits`, the leaf of the joint limits as a node on joint space, None
+    without; `outcomes`, by `simulate`, of N rollouts. **Returns** `Ends`.
     """
     q = np.asarray(outcomes.q, np.float32)
-    places = where(problem, q)
-    force, push = _by_blocks(lambda block: _forces(problem, limits, block), q)
+    errors = control_point_errors(problem, q)
+    force, limit_force = _by_blocks(lambda block: _forces(problem, limits, block), q)
     margin = np.minimum(q - np.asarray(problem.lower), np.asarray(problem.upper) - q)
     residual = np.abs(force).max(-1)
-    at_limit = (np.abs(push) > np.maximum(_PUSHES, 10 * np.abs(force))).any(1)
+    at_limit = (np.abs(limit_force) > np.maximum(_LEAST_FORCE, 10 * np.abs(force))).any(1)
     status = outcomes.status
-    kind = np.full(len(q), End.UNFINISHED)
-    kind[status == Status.CONVERGED] = End.CONVERGED
-    resting = status == Status.RESTING
+    kind, resting = np.array(status), status == End.RESTING
     kind[resting] = End.SPURIOUS
     kind[resting & (outcomes.track.touching > 0)] = End.HELD_BY_CONTACT
     kind[resting & (outcomes.track.touching == 0) & at_limit] = End.STOPPED_AT_LIMIT
-    kind[status == Status.DIVERGED] = End.DIVERGED
-    return Ends(kind, *places, push, residual, margin)
+    return Ends(kind, *errors, limit_force, residual, margin)
 
 
-class Places(NamedTuple):
+class ControlPointErrors(NamedTuple):
     """Of N configurations: `points`, `hand` and `error`, as in `Ends`."""
 
     points: np.ndarray
@@ -75,10 +61,10 @@ class Places(NamedTuple):
     error: np.ndarray
 
 
-def where(problem: Problem, q: np.ndarray) -> Places:
+def control_point_errors(problem: Problem, q: np.ndarray) -> ControlPointErrors:
     """Where the control points are at N configurations [N, n]."""
     points, hand = _by_blocks(lambda block: _points(problem, block), q)
-    return Places(points, hand, np.linalg.norm(points, axis=-1).max(-1))
+    return ControlPointErrors(points, hand, np.linalg.norm(points, axis=-1).max(-1))
 
 
 def _by_blocks(compute: Callable[[np.ndarray], tuple], q: np.ndarray) -> tuple[np.ndarray, ...]:
@@ -95,8 +81,8 @@ def _by_blocks(compute: Callable[[np.ndarray], tuple], q: np.ndarray) -> tuple[n
 def _forces(problem: Problem, limits: Node | None, q: jax.Array):
     def one(q):
         still = jnp.zeros_like(q)
-        push = still if limits is None else limits(q, still).f
-        return problem.tree(q, still).f, push
+        limit_force = still if limits is None else limits(q, still).f
+        return problem.tree(q, still).f, limit_force
 
     return jax.vmap(one)(q)
 

@@ -10,15 +10,16 @@ from .._task_map import Selection
 from .._tree import Node, pullback
 from ..kinematics import ControlPoints, Robot, panda
 from ..learning import Skill
-from ..simulation import Engine, Outcomes, Problem, StopCriteria, largest_batch, simulate, whole_arm_policy
+from ..policies import whole_arm_policy
+from ..simulation import End, Engine, Outcomes, Problem, StopCriteria, largest_batch, simulate
 from ..world import SelfDistances, World, panda_self_pairs, panda_spheres
-from ._distribution import shared_out
-from ._ends import End, Ends, classify_ends, where
+from ._distribution import map_over_processes
+from ._ends import Ends, classify_ends, control_point_errors
 from ._stability import CertificateWatch
 
 
 class Evaluation(NamedTuple):
-    """What came of N starts [N, n]: how each ended (`outcomes`, `ends`), how far the hand was at the start
+    """What came of N `starts` [N, n]: how each ended (`outcomes`, `ends`), how far the hand was at the start
     (`start_error` [N], as `Ends.error`; `start_hand` [N, 3], its first control point in the world, m), and the
     certificate on the way (`residual`, `growth` [N], `uncertified` leaves). `engine`, `dt`, `batch` and `criteria` say
     how."""
@@ -60,8 +61,8 @@ class Evaluation(NamedTuple):
 def skill_problem(skill: Skill, robot: Robot, *, tree: Node | None = None, distances: tuple = ()) -> Problem:
     """What `evaluate` rolls out: the whole arm's policy, and the Panda's distances to itself.
 
-    **Arguments**: `tree`, by default that of `simulation.whole_arm_policy` without obstacles; `distances`, further ones
-    to watch, such as to a scene.
+    **Arguments**: `skill`; `robot`, that it was learned on; `tree`, by default that of `policies.whole_arm_policy`
+    without obstacles; `distances`, further ones to watch, such as to a scene.
     """
     if robot.fingerprint == panda().fingerprint:
         spheres = panda_spheres()
@@ -72,7 +73,7 @@ def skill_problem(skill: Skill, robot: Robot, *, tree: Node | None = None, dista
 
 
 def limit_leaf(skill: Skill, robot: Robot) -> Node | None:
-    """The skill's joint limits as a node on joint space, None if no joint has limits."""
+    """The joint limits of `skill` as a node on the joint space of `robot`, None if no joint has limits."""
     if skill.joint_limit is None:
         return None
     every = skill.limited == tuple(range(robot.num_joints))
@@ -98,15 +99,16 @@ def evaluate(
     starts = np.asarray(starts, np.float32)
     if batch < 1:
         raise ConfigurationError(f"batch is {batch}, expected at least 1.")
-    batch = largest_batch(engine, batch)
+    # No larger than the starts fill, so that what is measured is what is run; of few sizes, which are compiled once.
+    batch = largest_batch(engine, min(batch, 1 << (len(starts) - 1).bit_length()))
 
     def work(own: np.ndarray) -> dict[str, Any]:
         watch = CertificateWatch(problem, len(own))
         outcomes = simulate(engine, own, batch=batch, progress=progress, watch=watch)
         return {"outcomes": outcomes, "residual": watch.residual, "growth": watch.growth}
 
-    found = shared_out(work, starts)
-    at_start = where(problem, starts)
+    found = map_over_processes(work, starts)
+    at_start = control_point_errors(problem, starts)
     return Evaluation(
         starts=starts,
         outcomes=found["outcomes"],
@@ -133,7 +135,10 @@ class Replay(NamedTuple):
 
 
 def replay(engine: Engine, problem: Problem, limits: Node | None, start: np.ndarray, *, batch: int = 16) -> Replay:
-    """Roll out from one start [n] again and keep the way, a state every `engine.chunk` steps; as `evaluate` else."""
+    """Roll out from one `start` [n] again and keep the way, a state every `engine.chunk` steps.
+
+    `batch`, copies of it at a time, for engines that fill devices; the rest as `evaluate`.
+    """
     states: list[tuple[int, np.ndarray, np.ndarray]] = [(0, np.asarray(start, np.float32), np.zeros(len(start)))]
     count = engine.devices.count
     batch = -(-batch // count) * count
@@ -149,7 +154,7 @@ def replay(engine: Engine, problem: Problem, limits: Node | None, start: np.ndar
     padded = np.repeat(np.asarray(start, np.float32)[None], batch, axis=0)
     outcomes = simulate(engine, padded, batch=batch, watch=keep).take(np.arange(1))
     ends = classify_ends(problem, limits, outcomes)
-    at_start = where(problem, padded[:1])
+    at_start = control_point_errors(problem, padded[:1])
     steps, q, qd = (np.array(column) for column in zip(*states, strict=True))
     evaluation = Evaluation(
         padded[:1],

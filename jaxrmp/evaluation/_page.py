@@ -5,15 +5,15 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from .. import _page
-from .._page import heading, numbers, paragraph, percent, table
+from ..reports import _page
+from ..reports._page import heading, numbers, paragraph, percent, table
 from ._report import KINDS
 
 
 def write_page(
     report: Mapping[str, Any], figures: Mapping[str, tuple[bytes, str]], path: str | os.PathLike, *, title: str
 ) -> Path:
-    """Write the page; it appears whole or not at all.
+    """Write the page `title` to `path`; it appears whole or not at all.
 
     **Arguments**: `report`, as `report` gives it, with `settings` and `made_by` if there are; `figures`, for each
     heading a PNG picture and what it shows.
@@ -103,7 +103,8 @@ def _stability(found: Mapping[str, Any]) -> str:
             paragraph(
                 f"Leaves without a certificate: {uncertified}. Along all rollouts, dV/dt differs from minus the "
                 f"dissipation by at most {certificate['max_residual']:.1e} (1 + |V|) per second, and is at most "
-                f"{certificate['max_growth_rate']:.1e} (1 + |V|) per second."
+                f"{certificate['max_growth_rate']:.1e} (1 + |V|) per second; not a number from "
+                f"{certificate['starts_not_a_number']} starts."
             ),
             table(
                 [

@@ -5,8 +5,7 @@ from typing import Any
 import numpy as np
 
 from ..learning import Skill
-from ..simulation import Problem
-from ._ends import End
+from ..simulation import End, Problem
 from ._evaluate import Evaluation
 from ._regions import regions
 from ._rest_points import rest_points
@@ -15,22 +14,17 @@ from ._stability import goal_hessians, learned_metrics, stationary_points
 _SHOWN = 1000  # failing starts that are listed one by one
 _AROUND = 0.3  # m around the region of the hand in which stationary points are looked for
 
-KINDS = {
-    End.CONVERGED: "converged",
-    End.STOPPED_AT_LIMIT: "stopped_at_limit",
-    End.HELD_BY_CONTACT: "held_by_contact",
-    End.SPURIOUS: "spurious",
-    End.UNFINISHED: "unfinished",
-    End.DIVERGED: "diverged",
-}
+KINDS = {end: end.name.lower() for end in End if end not in (End.RUNNING, End.RESTING, End.TOUCHED)}
 """Names of the kinds of ends, as the report has them."""
 
 
 def report(evaluation: Evaluation, skill: Skill, problem: Problem, *, stationary: bool = True) -> dict[str, Any]:
     """All numbers of an evaluation: shares of starts, largest values, rest points, regions, failing starts, stability.
 
+    The certificate's largest values are NaN if one of them was, from `starts_not_a_number` starts.
     `max_energy_increase` is the largest rise of V above its least value before, relative to V's range on that rollout.
-    **Arguments**: `stationary`, whether to look for the potentials' stationary points, which takes some seconds.
+    **Arguments**: `evaluation`, by `evaluate`, of `problem`, the `skill`'s; `stationary`, whether to look for the
+    potentials' stationary points, which takes some seconds.
     """
     kind, track = evaluation.ends.kind, evaluation.outcomes.track
     N = len(kind)
@@ -76,12 +70,17 @@ def stability(evaluation: Evaluation, skill: Skill, problem: Problem, *, station
             subtask["stationary_points"] = stationary_points(potential, low, high)
     return {
         "subtasks": subtasks,
-        "certificate": {
-            "uncertified_leaves": list(evaluation.uncertified),
-            "max_residual": float(evaluation.residual.max()),
-            "max_growth_rate": float(evaluation.growth.max()),
-            "max_energy_increase": float(evaluation.energy_increase.max()),
-        },
+        "certificate": _certificate(evaluation),
+    }
+
+
+def _certificate(evaluation: Evaluation) -> dict[str, Any]:
+    return {
+        "uncertified_leaves": list(evaluation.uncertified),
+        "max_residual": float(evaluation.residual.max()),
+        "max_growth_rate": float(evaluation.growth.max()),
+        "starts_not_a_number": int(np.isnan(evaluation.residual + evaluation.growth).sum()),
+        "max_energy_increase": float(evaluation.energy_increase.max()),
     }
 
 
@@ -124,7 +123,7 @@ def _quantiles(values: np.ndarray) -> dict[str, float] | None:
 def _limit_stops(evaluation: Evaluation) -> list[dict[str, Any]]:
     """How many starts each joint limit stopped, and how far from the goal."""
     stopped = np.flatnonzero(evaluation.ends.kind == End.STOPPED_AT_LIMIT)
-    joint = np.abs(evaluation.ends.push[stopped]).argmax(1)
+    joint = np.abs(evaluation.ends.limit_force[stopped]).argmax(1)
     found = []
     for j in np.unique(joint):
         at = stopped[joint == j]

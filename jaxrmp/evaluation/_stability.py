@@ -38,7 +38,7 @@ def learned_metrics(learned: Learned, points: np.ndarray) -> list[dict[str, floa
 
 
 def goal_hessians(learned: Learned) -> list[dict[str, Any]]:
-    """For each subtask the slope of its potential at the goal, and the eigenvalues of its Hessian there, 1/m."""
+    """Of each subtask in `learned`, stacked, the potential's slope and its Hessian's eigenvalues, 1/m, at the goal."""
     slopes, hessians = (np.asarray(a, float) for a in _derivatives(learned.potential_of, learned.speed))
     return [
         {"slope": float(np.linalg.norm(g)), "hessian_eigenvalues": np.linalg.eigvalsh(H).tolist()}
@@ -58,7 +58,8 @@ def stationary_points(
 
     Levenberg and Marquardt's method on `grad Phi = 0`, which ends at minima, saddles and maxima alike.
 
-    **Arguments**: `potential`, a callable pytree of x [m], m, its goal at the origin; `lower`, `upper` [m].
+    **Arguments**: `potential`, a callable pytree of x [m], m, its goal at the origin; `lower`, `upper` [m], m, the box;
+    `starts`, of the search, how many; `seed`, of their places.
     **Returns** for each `position`, its `kind` (minimum, saddle, maximum), its distance from the goal, the Hessian's
     `eigenvalues`, and the share of starts that ended there.
     """
@@ -88,7 +89,7 @@ class CertificateWatch:
     """Evaluates the certificate of the tree along rollouts, once a chunk, and keeps the worst of each start.
 
     `residual` [N], the largest `|dV/dt + dissipation| / (1 + |V|)`, per second, zero but for rounding where every leaf
-    is certified; `growth` [N], the largest `dV/dt / (1 + |V|)`, at most rounding.
+    is certified; `growth` [N], the largest `dV/dt / (1 + |V|)`, at most rounding. Both are NaN from where one was.
     """
 
     def __init__(self, problem: Problem, starts: int):
@@ -102,7 +103,7 @@ class CertificateWatch:
         residual, growth = (np.asarray(a) for a in _certificates(self.problem, state.q, state.qd))
         held = places >= 0
         for worst, now in ((self.residual, residual), (self.growth, growth)):
-            worst[places[held]] = np.fmax(worst[places[held]], now[held])
+            worst[places[held]] = np.maximum(worst[places[held]], now[held])
 
 
 @jax.jit

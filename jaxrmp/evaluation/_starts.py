@@ -16,7 +16,7 @@ _DRAWS = 200  # blocks in a row without a free configuration until giving up
 def sample_starts(problem: Problem, count: int, *, seed: int = 0, margin: float = 0.05) -> np.ndarray:
     """Configurations drawn evenly within the joint limits, `margin` (rad or m) away from them, free of collision.
 
-    Start i depends on the seed alone, not on how many are drawn: every one can be drawn again.
+    Start i depends on `seed` alone, not on how many are drawn: every one can be drawn again.
 
     **Arguments**: `problem`, whose distances must all be positive at a start; `count` N.
     **Returns** [N, n], in single precision. A joint without limits is drawn from one turn, -pi to pi.
@@ -33,9 +33,9 @@ def sample_starts(problem: Problem, count: int, *, seed: int = 0, margin: float 
 def starts_around(
     problem: Problem, configurations: np.ndarray, count: int, *, spread: float, seed: int = 0, margin: float = 0.05
 ) -> np.ndarray:
-    """Configurations drawn evenly within `spread` (rad or m, each joint) of given ones [D, n], free of collision.
+    """Configurations drawn evenly within `spread` (rad or m, each joint) of `configurations` [D, n], free of collision.
 
-    Which of them is drawn around is drawn too. They keep `margin` from the joint limits. Otherwise as `sample_starts`.
+    Which of them is drawn around is drawn too. They keep `margin` from the joint limits. The rest as `sample_starts`.
     """
     around = np.asarray(configurations, float)
     lower, upper = np.asarray(problem.lower, float) + margin, np.asarray(problem.upper, float) - margin
@@ -52,7 +52,7 @@ def starts_around(
 
 
 def check_starts(problem: Problem, starts: np.ndarray) -> np.ndarray:
-    """Given starts [N, n] as they are.
+    """Given `starts` [N, n] of `problem`, rad or m, as they are, in single precision.
 
     **Raises** `ShapeError`; `ConfigurationError` for one that is not finite, outside the joint limits, or in collision.
     """

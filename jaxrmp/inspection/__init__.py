@@ -1,6 +1,5 @@
 """Which leaf is doing that? Every leaf's part in what a tree does."""
 
-from ._gap import gap as gap
 from ._goals import Goals as Goals
 from ._goals import goals as goals
 from ._inspect import Inspection as Inspection

@@ -4,8 +4,8 @@ import jax
 import jax.numpy as jnp
 
 from .._pytree import pytree, static
-from .._tree import Batched, Leaf, Node, Pullback, Sum
-from ._gap import gap
+from .._tree import Node
+from .._visitor import Visitor, at_points
 from ._rows import names_of_points
 
 
@@ -33,21 +33,25 @@ def goals(tree: Node, q: jax.Array) -> Goals:
     >>> left.names, left.gap.tolist()
     (('attractor',), [5.0])
     """
-    found = _goals_of(tree, q)
+    found = tree.accept(_GoalsOfLeaves(), q)
     gaps = jnp.concatenate([jnp.zeros(0, q.dtype), *(part.gap for part in found)])
     return Goals(gaps, tuple(name for part in found for name in part.names))
 
 
-def _goals_of(node: Node, x: jax.Array) -> list[Goals]:
-    if not any(leaf.has_goal for leaf in node.leaves()):
-        return []
-    if isinstance(node, Sum):
-        return [part for term in node.nodes for part in _goals_of(term, x)]
-    if isinstance(node, Pullback):
-        return _goals_of(node.node, node.task_map(x))
-    if isinstance(node, Batched):
-        return [_point_by_point(part) for part in jax.vmap(_goals_of, (None if node.shared else 0, 0))(node.node, x)]
-    return [Goals(gap(node, x)[None], (node.name,))] if isinstance(node, Leaf) else []
+class _GoalsOfLeaves(Visitor):
+    """Lists of `Goals` at a position."""
+
+    def visit_leaf(self, leaf, state):
+        return [Goals(leaf.gap(state)[None], (leaf.name,))] if leaf.has_goal else []
+
+    def visit_sum(self, nodes, state):
+        return [part for node in nodes for part in node.accept(self, state)]
+
+    def visit_pullback(self, task_map, node, state):
+        return node.accept(self, task_map(state)) if any(leaf.has_goal for leaf in node.leaves()) else []
+
+    def visit_batched(self, node, shared, state):
+        return [_point_by_point(part) for part in at_points(self, node, shared, state)]
 
 
 def _point_by_point(part: Goals) -> Goals:

@@ -7,7 +7,7 @@ from .._forms import Method, NaturalForm, resolve
 from .._linalg import length
 from .._pytree import pytree, static
 from .._tree import Node
-from ._rows import rows_of
+from ._rows import RowsOfLeaves
 
 
 @pytree
@@ -17,7 +17,7 @@ class Inspection:
     `f` [R, n] and `M` [R, n, n], what each row adds to the root's force and metric; `acceleration` [R, n], the part
     `M_root^+ f` of the joint acceleration that it is responsible for; `force_share`, `|f_i| / sum_j |f_j|`, and
     `metric_share`, `trace M_i / trace M`, [R], both zero where there is nothing to share; `gap` [R], the distance to
-    what the leaf is about, NaN if that is no place, see `jaxrmp.inspection.gap`; `energy` and `dissipation` [R], per
+    what the leaf is about, NaN if that is no place, see `Leaf.gap`; `energy` and `dissipation` [R], per
     second, zero for leaves that have none; `x` and `xd`, tuples of R arrays, position and velocity in the leaf's own
     space; `names` and `certified`, tuples of R, the names of a batched leaf's points with their index: `learned[2]`.
     """
@@ -51,7 +51,7 @@ def inspect(tree: Node, q: jax.Array, qd: jax.Array, method: Method = "cholesky"
     >>> found.names, found.force_share.round(3).tolist()
     (('posture', 'damping'), [1.0, 0.0])
     """
-    groups = rows_of(tree, q, qd)
+    groups = tree.accept(RowsOfLeaves(), (q, qd))
     f, M = (jnp.concatenate([getattr(rows, name) for rows in groups]) for name in ("f", "M"))
     size = length(f)
     trace = jnp.trace(M, axis1=-2, axis2=-1)

@@ -1,6 +1,7 @@
-"""The walk from the root to the leaves, and of the leaves' forms back to the root."""
+"""A row for each leaf: its state in its own space, and its share of what the tree does at the root."""
 
 import itertools
+from dataclasses import replace
 
 import jax
 import jax.numpy as jnp
@@ -8,8 +9,7 @@ import numpy as np
 
 from .._pytree import pytree, static
 from .._task_map import pushforward
-from .._tree import Batched, Node, Pullback, Sum
-from ._gap import gap
+from .._visitor import Visitor, at_points, scaled
 
 
 @pytree
@@ -33,21 +33,31 @@ class Rows:
     at: tuple[tuple[int, ...], ...] = static(default=())
 
 
-def rows_of(node: Node, x: jax.Array, xd: jax.Array) -> list[Rows]:
-    """The leaves below `node`, in order, with their forms on its space; every task map is evaluated once."""
-    if isinstance(node, Sum):
-        return [rows for term in node.nodes for rows in rows_of(term, x, xd)]
-    if isinstance(node, Pullback):
-        there = pushforward(node.task_map, x, xd)
-        return [_pulled_back(rows, there, x.ndim) for rows in rows_of(node.node, there.y, there.yd)]
-    if isinstance(node, Batched):
-        axes = (None if node.shared else 0, 0, 0)
-        return [_point_by_point(rows) for rows in jax.vmap(rows_of, in_axes=axes)(node.node, x, xd)]
-    form = node(x, xd)
-    values = (form.f, form.M, x, xd, node.energy(x, xd), node.dissipation(x, xd), gap(node, x))
-    certified = all(leaf.certified for leaf in node.leaves())
-    rows = tuple(a[None] for a in values)
-    return [Rows(*rows, names=(getattr(node, "name", type(node).__name__),), certified=certified)]
+class RowsOfLeaves(Visitor):
+    """The leaves below a node, in order, with their forms on its space: lists of `Rows`."""
+
+    def visit_leaf(self, leaf, state):
+        form, energy, dissipation = leaf.measure(*state)
+        form = form.dense()
+        values = (form.f, form.M, *state, energy, dissipation, leaf.gap(state[0]))
+        return [Rows(*(a[None] for a in values), names=(leaf.name,), certified=leaf.certified)]
+
+    def visit_sum(self, nodes, state):
+        return [rows for node in nodes for rows in node.accept(self, state)]
+
+    def visit_pullback(self, task_map, node, state):
+        there = pushforward(task_map, *state)
+        return [_pulled_back(rows, there, state[0].ndim) for rows in node.accept(self, (there.y, there.yd))]
+
+    def visit_batched(self, node, shared, state):
+        return [_point_by_point(rows) for rows in at_points(self, node, shared, state)]
+
+    def visit_scaled(self, node, share, state):
+        names = ("f", "M", "energy", "dissipation")
+        return [
+            replace(rows, **scaled({name: getattr(rows, name) for name in names}, share))
+            for rows in node.accept(self, state)
+        ]
 
 
 def _pulled_back(rows: Rows, there, domain_axes: int) -> Rows:
@@ -57,24 +67,19 @@ def _pulled_back(rows: Rows, there, domain_axes: int) -> Rows:
     f = jnp.einsum("...ij,...i->...j", J, rows.f - jnp.einsum("...ij,...j->...i", rows.M, c))
     M = jnp.swapaxes(J, -1, -2) @ rows.M @ J
     if domain_axes > 1:
-        return _replace(rows, f, M, rows.at)
+        return replace(rows, f=f, M=M)
     points = tuple(range(1, f.ndim - 1))
-    return _replace(rows, f.sum(points), M.sum(points), ())
+    return replace(rows, f=f.sum(points), M=M.sum(points), at=())
 
 
 def _point_by_point(rows: Rows) -> Rows:
     """Rows [K, R] of K points as K R rows, each acting on its own point."""
     K, R = rows.energy.shape
     flat = jax.tree.map(lambda a: a.reshape(K * R, *a.shape[2:]), rows)
-    names = names_of_points(rows.names, K)
     at = (tuple(k for k in range(K) for _ in range(R)), *(index * K for index in rows.at))
-    return Rows(flat.f, flat.M, flat.x, flat.xd, flat.energy, flat.dissipation, flat.gap, names, rows.certified, at)
+    return replace(flat, names=names_of_points(rows.names, K), at=at)
 
 
 def names_of_points(names: tuple[str, ...], K: int) -> tuple[str, ...]:
     """Names of the leaves of one point as those of K points, point by point: `name[k]`."""
     return tuple(f"{name}[{k}]" for k, name in itertools.product(range(K), names))
-
-
-def _replace(rows: Rows, f: jax.Array, M: jax.Array, at: tuple) -> Rows:
-    return Rows(f, M, rows.x, rows.xd, rows.energy, rows.dissipation, rows.gap, rows.names, rows.certified, at)

@@ -34,8 +34,12 @@ class LulaPolicy:
     """A policy of NVIDIA's Lula or cuMotion, as its files describe it; `tree` gives it targets and a world.
 
     Its leaves are fields, and their gains parameters: change them with `dataclasses.replace`. Targets in them stand
-    for none. `spheres` are the robot's own for obstacles; the `controllers` keep off the capsules of `base`, which
-    stand in the robot's base frame. `inactive` names what the files set and no policy here acts on.
+    for none. On the joints of `robot`: `cspace_target`, `cspace_inertia`, `joint_limit`, `joint_velocity_cap`; on
+    `frame`, None if the files name none: `position_target`, `axis_target`, `damping`, `damping_inertia`; on distances:
+    `collision`, `self_collision` and, or None, `point_cloud_collision`, of up to `max_num_points` of radius
+    `point_cloud_margin`, m. `max_acceleration_norm` and `projection_tolerance` are of `resolve_within`. `spheres` are
+    the robot's own for obstacles; the `controllers` keep off the capsules of `base`, which stand in the robot's base
+    frame. `inactive` names what the files set and no policy here acts on.
     """
 
     robot: Robot
@@ -92,9 +96,9 @@ class LulaPolicy:
         if axes or position_target is not None:
             node += self._frame_leaves(self._target_frame(frame), position_target, axes)
         if self.controllers.size and self.base.size:
-            node += self._keep_off(self.controllers, self.base, self.self_collision)
+            node += self._avoid(self.controllers, self.base, self.self_collision)
         if world is not None and world.size and self.spheres.size:
-            node += self._keep_off(self.spheres, world, self.collision)
+            node += self._avoid(self.spheres, world, self.collision)
         if point_cloud is not None and self.spheres.size:
             node += self._point_cloud_leaf(point_cloud)
         return node
@@ -137,7 +141,7 @@ class LulaPolicy:
             node += pullback(space(self.robot, frame, tuple(axes)), turns)
         return node
 
-    def _keep_off(self, spheres: RobotSpheres, world: World, leaf: Leaf) -> Node:
+    def _avoid(self, spheres: RobotSpheres, world: World, leaf: Leaf) -> Node:
         distances = ObstacleDistances(spheres.points(self.robot), world, spheres.radii)
         return pullback(distances, leaf)
 
@@ -156,7 +160,7 @@ class LulaPolicy:
             )
         radius = jnp.full(points.shape[:1], self.point_cloud_margin, points.dtype)
         world = World(spheres=Spheres(points, radius))
-        return self._keep_off(self.spheres, world, self.point_cloud_collision)
+        return self._avoid(self.spheres, world, self.point_cloud_collision)
 
 
 def load_lula(urdf: str | os.PathLike, xrdf: str | os.PathLike, rmpflow_yaml: str | os.PathLike) -> LulaPolicy:

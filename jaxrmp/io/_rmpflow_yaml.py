@@ -5,38 +5,25 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .._ranges import ranges_of
+from ..leaves import lula
 from ._yaml import Setting, read_yaml
 
-# The keys of each section of `rmp_params`, which are the fields of the leaf that it stands for.
-_COLLISION = (
-    *("damping_gain", "damping_std_dev", "damping_robustness_eps", "damping_velocity_gate_length_scale"),
-    *("repulsion_gain", "repulsion_std_dev", "metric_modulation_radius", "metric_scalar"),
-    *("metric_exploder_std_dev", "metric_exploder_eps"),
-)
-_BOOST = ("proximity_metric_boost_scalar", "proximity_metric_boost_length_scale")
+# The leaf that a section of `rmp_params` stands for, whose gains are its keys, and the keys that it has besides.
 _REQUIRED = {
-    "cspace_target_rmp": (
-        *("metric_scalar", "position_gain", "damping_gain", "robust_position_term_thresh", "inertia"),
-    ),
-    "joint_limit_rmp": (
-        *("metric_scalar", "metric_length_scale", "metric_exploder_eps", "metric_velocity_gate_length_scale"),
-        *("accel_damper_gain", "accel_potential_gain"),
-        *("accel_potential_exploder_length_scale", "accel_potential_exploder_eps"),
-    ),
-    "joint_velocity_cap_rmp": ("max_velocity", "velocity_damping_region", "damping_gain", "metric_weight"),
-    "target_rmp": (
-        *("accel_p_gain", "accel_d_gain", "accel_norm_eps", "metric_alpha_length_scale", "min_metric_alpha"),
-        *("max_metric_scalar", "min_metric_scalar", *_BOOST),
-    ),
-    "axis_target_rmp": ("accel_p_gain", "accel_d_gain", "metric_scalar", *_BOOST),
-    "collision_rmp": _COLLISION,
-    "damping_rmp": ("accel_d_gain", "metric_scalar", "inertia"),
+    "cspace_target_rmp": (lula.CSpaceTarget, "inertia"),
+    "joint_limit_rmp": (lula.JointLimit,),
+    "joint_velocity_cap_rmp": (lula.JointVelocityCap,),
+    "target_rmp": (lula.PositionTarget,),
+    "axis_target_rmp": (lula.AxisTarget,),
+    "collision_rmp": (lula.Collision,),
+    "damping_rmp": (lula.SpeedDamping, "inertia"),
 }
-_OPTIONAL = {"point_cloud_obstacle_rmp": (*_COLLISION, "margin", "max_num_obstacles")}
+_OPTIONAL = {"point_cloud_obstacle_rmp": (lula.Collision, "margin", "max_num_obstacles")}
 # In shipped files, but nothing that they set ever acts in a policy.
 _INACTIVE = {
-    "cspace_trajectory_rmp": ("p_gain", "d_gain", "ff_gain", "weight"),
-    "cspace_affine_rmp": ("final_handover_time_std_dev", "weight"),
+    "cspace_trajectory_rmp": (None, "p_gain", "d_gain", "ff_gain", "weight"),
+    "cspace_affine_rmp": (None, "final_handover_time_std_dev", "weight"),
 }
 _POSITIVE_ENDINGS = ("_length_scale", "_std_dev", "_eps", "_thresh", "_radius", "_region")
 _FLAGS = {"target_rmp": ("accept_user_weights",), "axis_target_rmp": ("accept_user_weights",)}
@@ -86,17 +73,18 @@ def read_rmpflow(path: str | os.PathLike, num_joints: int) -> RmpflowSettings:
     gains, inactive = {}, []
     for name, section in sections.items():
         flags = _FLAGS.get(name, ())
-        known = {**_REQUIRED, **_OPTIONAL, **_INACTIVE}[name]
+        leaf, *besides = {**_REQUIRED, **_OPTIONAL, **_INACTIVE}[name]
+        known = [*(dict(ranges_of(leaf)) if leaf else ()), *besides]
         entries = section.keys(known, flags)
         gains[name] = {key: _constant(entries[key]) for key in known}
         # Weights of a user's own are a feature of Lula's programming interface that a policy here has no need of.
-        inactive += [f"{name}.{flag}" for flag in flags if flag in entries and entries[flag].truth()]
+        inactive += [f"{name}.{flag}" for flag in flags if flag in entries and entries[flag].boolean()]
         inactive += [name] if name in _INACTIVE else []
 
     resolve = top["canonical_resolve"].keys(["max_acceleration_norm", "projection_tolerance"], ["verbose"])
     limit, tolerance = (_positive(resolve[key]) for key in ("max_acceleration_norm", "projection_tolerance"))
     if "verbose" in resolve:
-        resolve["verbose"].truth()
+        resolve["verbose"].boolean()
 
     controllers, lines = {}, {}
     for entry in top["body_collision_controllers"].items() if "body_collision_controllers" in top else []:

@@ -50,12 +50,12 @@ class Setting:
         """A list of strings; one string stands for a list of one."""
         return [self.content] if isinstance(self.content, str) else [entry.text() for entry in self.items()]
 
-    def truth(self) -> bool:
+    def boolean(self) -> bool:
         """True or false, in any spelling of YAML 1.1."""
         word = self.content.lower() if isinstance(self.content, str) else ""
-        if word not in _TRUTH:
+        if word not in _BOOLEANS:
             self.refuse("true or false")
-        return _TRUTH[word]
+        return _BOOLEANS[word]
 
     def items(self) -> list["Setting"]:
         """The entries of a list."""
@@ -94,7 +94,7 @@ class Setting:
         raise ConfigurationError(f"{self.source}: key {self.key or '(top)'}, line {self.line}: {what}.")
 
 
-_TRUTH = {"true": True, "yes": True, "on": True, "false": False, "no": False, "off": False}
+_BOOLEANS = {"true": True, "yes": True, "on": True, "false": False, "no": False, "off": False}
 
 
 def read_yaml(path: str | os.PathLike) -> Setting:

@@ -10,6 +10,7 @@ from ._load import load_robot as load_robot
 from ._load import load_robot_from_string as load_robot_from_string
 from ._panda import PANDA_MODEL as PANDA_MODEL
 from ._panda import panda as panda
+from ._position import Position as Position
 from ._relative import PointsInFrame as PointsInFrame
 from ._relative import RelativePoints as RelativePoints
 from ._robot import Robot as Robot

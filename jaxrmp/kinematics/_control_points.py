@@ -13,7 +13,7 @@ from .._pytree import pytree, set_field, static
 from .._task_map import Pushforward, TaskMap, Transport
 from ..xla import concatenated, one_loop
 from ._forward import configuration
-from ._jacobian import jacobian_columns, jacobian_rows, rows
+from ._jacobian import as_jacobian, jacobian_rows, rows
 from ._motion import BodyMotion, JointAxis, attach, carry, move, turns_at
 from ._robot import Robot
 from ._scalars import Vector, rotate
@@ -82,14 +82,10 @@ class ControlPoints(TaskMap):
 
     def pushforward(self, x, xd):
         x, xd = configuration(self.robot, x), configuration(self.robot, xd, "xd")
-        n = self.robot.num_joints
-        motions, axes = self._point_motions(x, xd)
-        groups = []
-        for body, k, motion in motions:
-            y, yd, c = (rows(v, (len(k),), x.dtype) for v in (motion.position, motion.velocity, motion.acceleration))
-            columns = jacobian_columns(self.robot.model, body, (y[:, 0], y[:, 1], y[:, 2]), axes, n, x.dtype)
-            groups.append([y, yd, rows(columns, (len(k), n), x.dtype), c])
-        return Pushforward(*(self._in_order(column) for column in zip(*groups, strict=True)))
+        position, velocity, acceleration, axes = self._motions(x, xd, None)
+        J = jacobian_rows(self.robot.model, self._bodies(), position, axes, x.dtype)
+        y, yd, c = _as_points(position, velocity, acceleration)
+        return Pushforward(y, yd, as_jacobian(J), c)
 
     def transport(self, x, xd):
         motions = self.motions(x, xd)
@@ -112,12 +108,15 @@ class ControlPoints(TaskMap):
         return Transport(y, yd, pull_form)
 
     def motions(self, x: jax.Array, xd: jax.Array) -> PointMotions:
-        """What the Jacobian of the points, and of distances between them, is made of."""
+        """What the Jacobian of the points, and of distances between them, is made of, at `x, xd` [n]."""
         x, xd = configuration(self.robot, x), configuration(self.robot, xd, "xd")
-        bodies = tuple(self.robot.model.frames[self.robot.frame_index(name)].body for name in self.frames)
+        bodies = self._bodies()
         turns = turns_at(self.robot.model, bodies, x)
         position, velocity, acceleration, axes = one_loop(self._motions)(x, xd, turns)
         return PointMotions(position, velocity, acceleration, bodies, axes)
+
+    def _bodies(self) -> tuple[int, ...]:
+        return tuple(self.robot.model.frames[self.robot.frame_index(name)].body for name in self.frames)
 
     def _motions(self, x, xd, turns):
         motions, axes = self._point_motions(x, xd, turns)

@@ -13,7 +13,7 @@ from ._robot import Robot
 def forward_kinematics(robot: Robot, q: jax.Array, frame: str) -> jax.Array:
     """The pose of one frame.
 
-    **Arguments**: `q`, joint positions [n], rad or m; `frame`, the name of a body or site.
+    **Arguments**: `robot`; `q`, joint positions [n], rad or m; `frame`, the name of a body or site.
     **Returns** `T_world_frame` [4, 4]; differentiable, in `q`'s dtype.
     **Raises** `UnknownNameError` if there is no such frame, `ShapeError` if `q` is not [n].
 
@@ -25,7 +25,7 @@ def forward_kinematics(robot: Robot, q: jax.Array, frame: str) -> jax.Array:
 
 
 def frame_poses(robot: Robot, q: jax.Array, frames: Sequence[str]) -> jax.Array:
-    """The poses `T_world_frame` [K, 4, 4] of K frames, computing what they share once.
+    """The poses `T_world_frame` [K, 4, 4] of K `frames`, computing what they share once.
 
     The rest as `forward_kinematics`.
     """

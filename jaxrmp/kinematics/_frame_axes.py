@@ -8,7 +8,7 @@ from .._errors import ShapeError
 from .._pytree import pytree, set_field, static
 from .._task_map import Pushforward, TaskMap
 from ._forward import configuration
-from ._jacobian import jacobian_columns, rows
+from ._jacobian import as_jacobian, jacobian_rows, rows
 from ._motion import BodyMotion, JointAxis, attach, move
 from ._robot import Robot
 from ._scalars import ZERO, Vector, add3, cross
@@ -50,7 +50,7 @@ class FrameAxes(TaskMap):
 
     def pushforward(self, x, xd):
         x, xd = configuration(self.robot, x), configuration(self.robot, xd, "xd")
-        model, n, A = self.robot.model, self.robot.num_joints, len(self.axes)
+        model, A = self.robot.model, len(self.axes)
         body, motion, axes = self._motion(x, xd)
         y = self._directions(motion, x.dtype)
         swing = cross(motion.omega, y)
@@ -60,9 +60,9 @@ class FrameAxes(TaskMap):
             i: JointAxis(axis.direction if model.joints[i].kind == "revolute" else ZERO, ZERO)
             for i, axis in axes.items()
         }
-        columns = jacobian_columns(model, body, y, turning, n, x.dtype)
-        entries = ((y, (A,)), (swing, (A,)), (columns, (A, n)), (pull, (A,)))
-        return Pushforward(*(rows(vector, shape, x.dtype) for vector, shape in entries))
+        J = as_jacobian(jacobian_rows(model, (body,) * A, y, turning, x.dtype))
+        y, yd, c = (rows(vector, (A,), x.dtype) for vector in (y, swing, pull))
+        return Pushforward(y, yd, J, c)
 
     def _motion(self, q, qd) -> tuple[int, BodyMotion, dict[int, JointAxis]]:
         model = self.robot.model

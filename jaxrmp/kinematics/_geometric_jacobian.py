@@ -1,19 +1,17 @@
 """The Jacobian of a frame's twist."""
 
 import jax
-import jax.numpy as jnp
 
 from ._forward import configuration
-from ._jacobian import moving, turns_and_slides
+from ._jacobian import by_coordinate, moving, twists
 from ._motion import attach, move
 from ._robot import Robot
-from ._scalars import ZERO, Vector, add3, cross, sub3
 
 
 def geometric_jacobian(robot: Robot, q: jax.Array, frame: str) -> jax.Array:
     """The geometric Jacobian of one frame: `[v; omega] = J qd`, both in the world's axes, v of the frame's origin.
 
-    **Arguments**: `q`, joint positions [n], rad or m; `frame`, the name of a body or site.
+    **Arguments**: `robot`; `q`, joint positions [n], rad or m; `frame`, the name of a body or site.
     **Returns** `J` [6, n], the linear rows first; differentiable, in `q`'s dtype.
     **Raises** `UnknownNameError` if there is no such frame, `ShapeError` if `q` is not [n].
 
@@ -29,11 +27,5 @@ def geometric_jacobian(robot: Robot, q: jax.Array, frame: str) -> jax.Array:
     place = model.frames[robot.frame_index(frame)]
     motions, axes = move(model, (place.body,), q)
     origin = attach(motions[place.body], place.position, place.rotation).position
-    columns: list[tuple[Vector, Vector]] = [(ZERO, ZERO)] * robot.num_joints
     joints = moving(model, axes)
-    for i, turn, slide in zip(joints, *turns_and_slides(model, joints, axes), strict=True):
-        linear, angular = columns[model.joints[i].coordinate]
-        moved = add3(cross(turn, sub3(origin, axes[i].anchor)), slide)
-        columns[model.joints[i].coordinate] = add3(linear, moved), add3(angular, turn)
-    entries = [vectors[part][k] for part in (0, 1) for k in range(3) for vectors in columns]
-    return jnp.stack([jnp.asarray(entry, q.dtype) for entry in entries]).reshape(6, robot.num_joints)
+    return by_coordinate(model, joints, twists(model, joints, axes, origin, q.dtype).T).T

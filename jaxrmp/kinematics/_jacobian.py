@@ -16,10 +16,7 @@ from ._scalars import ZERO, Vector, add3, cross, mul, scale, sub3
 def jacobian_rows(
     model: KinematicModel, bodies: Sequence[int], position: Vector, axes: dict[int, JointAxis], dtype: Any
 ) -> Vector:
-    """The transposed rows of the Jacobian of K points at `position` (entries [K]) on `bodies`: three arrays [n, K].
-
-    As `jacobian_columns`, for points on different bodies at once and with the longer axis last.
-    """
+    """The transposed rows of the Jacobian of K points at `position` (entries [K]) on `bodies`: three arrays [n, K]."""
     joints = moving(model, axes)
     if not joints:
         still = jnp.zeros((len(model.joint_names), len(bodies)), dtype)
@@ -32,7 +29,7 @@ def jacobian_rows(
     )
     entries = (mul(moved, v) for v in add3(cross(directions, sub3(position, anchors)), slides))
     # A planar arm has a row that is the number zero.
-    x, y, z = (_by_coordinate(model, joints, jnp.broadcast_to(jnp.asarray(v, dtype), moved.shape)) for v in entries)
+    x, y, z = (by_coordinate(model, joints, jnp.broadcast_to(jnp.asarray(v, dtype), moved.shape)) for v in entries)
     return x, y, z
 
 
@@ -51,16 +48,26 @@ def line_rows(
     body changes the distance by `z . (p x u) + (o x z) . u` if it turns about the axis z through o, by `z . u` if it
     slides; one above the second by minus that; and one above both by nothing, whatever the line is.
     """
-    joints, P = moving(model, axes), len(ends[0])
-    if not joints:
-        return jnp.zeros((len(model.joint_names), P), dtype)
+    joints = moving(model, axes)
     sign = _above(model, joints, ends[0], dtype) - _above(model, joints, ends[1], dtype)
+    lines = jnp.stack([*direction, *moment])
+    return by_coordinate(model, joints, sign * (twists(model, joints, axes, ZERO, dtype).T @ lines))
+
+
+def twists(
+    model: KinematicModel, joints: list[int], axes: dict[int, JointAxis], point: Vector, dtype: Any
+) -> jax.Array:
+    """How a body above which `joints` are moves at unit rate of each: velocity of it at `point`, angular velocity.
+    [6, joints]."""
+    if not joints:
+        return jnp.zeros((6, 0), dtype)
     turns, slides = turns_and_slides(model, joints, axes)
-    slides = [add3(cross(axes[i].anchor, turn), slide) for i, turn, slide in zip(joints, turns, slides, strict=True)]
-    entries = [v for vectors in (turns, slides) for column in zip(*vectors, strict=True) for v in column]
-    screws = jnp.stack([jnp.asarray(v, dtype) for v in entries]).reshape(6, len(joints))
-    lines = jnp.stack([*moment, *direction])
-    return _by_coordinate(model, joints, sign * (screws.T @ lines))
+    moved = [
+        add3(cross(turn, sub3(point, axes[i].anchor)), slide)
+        for i, turn, slide in zip(joints, turns, slides, strict=True)
+    ]
+    entries = [v for vectors in (moved, turns) for column in zip(*vectors, strict=True) for v in column]
+    return jnp.stack([jnp.asarray(v, dtype) for v in entries]).reshape(6, len(joints))
 
 
 def moving(model: KinematicModel, axes: dict[int, JointAxis]) -> list[int]:
@@ -84,42 +91,13 @@ def turns_and_slides(
     return turns, [ZERO if turn else v for v, turn in zip(along, turning, strict=True)]
 
 
-def _by_coordinate(model: KinematicModel, joints: list[int], rows: jax.Array) -> jax.Array:
+def by_coordinate(model: KinematicModel, joints: list[int], rows: jax.Array) -> jax.Array:
     """Rows of joints as rows of coordinates: those of one coordinate add up, and one without a joint has zeros."""
     of_coordinate, n = [model.joints[i].coordinate for i in joints], len(model.joint_names)
     if of_coordinate == list(range(n)):
         return rows
     sums = np.array([[c == i for c in of_coordinate] for i in range(n)], rows.dtype).reshape(n, len(joints))
     return jnp.asarray(sums @ rows)
-
-
-def jacobian_columns(
-    model: KinematicModel, body: int, position: Vector, axes: dict[int, JointAxis], n: int, dtype: Any
-) -> Vector:
-    """The three rows of the Jacobian of K points at `position` (entries [K]) on `body`: three arrays [K, n]."""
-    movers: list[list[int]] = [[] for _ in range(n)]  # the joints above the body that each coordinate moves
-    for i in (i for b in model.path(body) for i in model.joints_of_body[b]):
-        if model.joints[i].coordinate >= 0:
-            movers[model.joints[i].coordinate].append(i)
-    point = (position[0][:, None], position[1][:, None], position[2][:, None])
-    columns = ZERO
-    for turn in range(max((len(joints) for joints in movers), default=0)):  # more than one turn for mimic joints only
-        directions, anchors, slides = [], [], []
-        for joints in movers:
-            direction, anchor, slide = ZERO, ZERO, ZERO
-            if turn < len(joints):
-                joint, axis = model.joints[joints[turn]], axes[joints[turn]]
-                along = scale(joint.multiplier, axis.direction)
-                if joint.kind == "revolute":
-                    direction, anchor = along, axis.anchor
-                else:
-                    slide = along
-            directions.append(direction)
-            anchors.append(anchor)
-            slides.append(slide)
-        turning, at, sliding = _entries([directions, anchors, slides], dtype)
-        columns = add3(columns, add3(cross(turning, sub3(point, at)), sliding))
-    return columns
 
 
 def _entries(several: list[list[Vector]], dtype: Any) -> list[Vector]:
@@ -130,6 +108,11 @@ def _entries(several: list[list[Vector]], dtype: Any) -> list[Vector]:
     found = iter(concatenated(others))
     entries = [0.0 if z else next(found) for z in zero]
     return [(entries[i], entries[i + 1], entries[i + 2]) for i in range(0, len(entries), 3)]
+
+
+def as_jacobian(transposed: Vector) -> jax.Array:
+    """Three transposed rows [n, K] as the Jacobian [K, 3, n]."""
+    return jnp.moveaxis(jnp.stack(transposed), -1, 0)
 
 
 def rows(vector: Vector, shape: tuple[int, ...], dtype: Any) -> jax.Array:

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from .._errors import RobotError
+from .._rotations import rotation_of_quaternion
 from ._couplings import resolve_couplings
 from ._mujoco import import_mujoco
-from ._quaternions import rotation_of_quaternion
 from ._robot import Body, Frame, Joint, KinematicModel, Robot
 
 _NOT_KINEMATIC = (
@@ -22,7 +22,7 @@ _NOT_KINEMATIC = (
 
 
 def load_robot(path: str | os.PathLike, *, fixed: Mapping[str, float] | None = None, name: str | None = None) -> Robot:
-    """Read a robot from an MJCF or URDF file.
+    """Read a robot from the MJCF or URDF file at `path`.
 
     Only the kinematics is read: meshes need not be there, links need no inertia. Joints may be revolute, prismatic
     or fixed, several to a body, in branching trees; fixed links and sites stay as frames. Mimic joints (URDF
@@ -43,11 +43,11 @@ def load_robot(path: str | os.PathLike, *, fixed: Mapping[str, float] | None = N
         spec = mujoco.MjSpec.from_file(str(path))
     except (OSError, ValueError) as error:
         raise RobotError(f"{path} cannot be read as MJCF or URDF: {error}") from error
-    return _robot_of_spec(mujoco, spec, text, str(path), fixed, name)
+    return _robot_of_spec(mujoco, spec, text, str(path), fixed, name, str(path.resolve()))
 
 
 def load_robot_from_string(xml: str, *, fixed: Mapping[str, float] | None = None, name: str | None = None) -> Robot:
-    """Read a robot from the text of an MJCF or URDF file; the rest as `load_robot`."""
+    """Read a robot from the text of an MJCF or URDF file, `xml`; the rest as `load_robot`."""
     mujoco = import_mujoco()
     try:
         spec = mujoco.MjSpec.from_string(xml)
@@ -56,7 +56,7 @@ def load_robot_from_string(xml: str, *, fixed: Mapping[str, float] | None = None
     return _robot_of_spec(mujoco, spec, xml.encode(), "the text", fixed, name)
 
 
-def _robot_of_spec(mujoco, spec, text, source, fixed, name) -> Robot:
+def _robot_of_spec(mujoco, spec, text, source, fixed, name, file=None) -> Robot:
     loops = _strip(mujoco, spec)
     try:
         m = spec.compile()
@@ -81,7 +81,7 @@ def _robot_of_spec(mujoco, spec, text, source, fixed, name) -> Robot:
         lower=np.array(lower),
         upper=np.array(upper),
         velocity_limit=np.array([velocity.get(joint, np.inf) for joint in joint_names]),
-        model=KinematicModel(name or spec.modelname, joint_names, bodies, tuple(joints), _frames(m, bodies)),
+        model=KinematicModel(name or spec.modelname, joint_names, bodies, tuple(joints), _frames(m, bodies), file),
     )
 
 

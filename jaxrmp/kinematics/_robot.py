@@ -63,6 +63,7 @@ class KinematicModel:
     bodies: tuple[Body, ...]
     joints: tuple[Joint, ...]
     frames: tuple[Frame, ...]
+    source: str | None = None  # the file it was read from, where its geometry is; no part of what makes models equal
 
     @functools.cached_property
     def fingerprint(self) -> str:
@@ -152,6 +153,11 @@ class Robot:
         return self.model.name
 
     @property
+    def source(self) -> str | None:
+        """The MJCF or URDF file that the robot was read from, None if it was read from text."""
+        return self.model.source
+
+    @property
     def num_joints(self) -> int:
         """Number n of independent joints."""
         return len(self.model.joint_names)
@@ -160,6 +166,18 @@ class Robot:
     def joint_names(self) -> tuple[str, ...]:
         """Names of the independent joints, in the order of `q`."""
         return self.model.joint_names
+
+    @property
+    def limited(self) -> tuple[int, ...]:
+        """Coordinates of the joints that have limits on both sides. The limits must be numbers, not traced by JAX."""
+        return tuple(np.flatnonzero(np.isfinite(self.lower) & np.isfinite(self.upper)).tolist())
+
+    @property
+    def middle(self) -> np.ndarray:
+        """The middle of every joint's range [n], zero where there is none. The limits must be numbers, as above."""
+        rows, q = list(self.limited), np.zeros(self.num_joints)
+        q[rows] = (np.asarray(self.lower)[rows] + np.asarray(self.upper)[rows]) / 2
+        return q
 
     @property
     def frame_names(self) -> tuple[str, ...]:

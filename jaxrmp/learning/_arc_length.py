@@ -13,9 +13,10 @@ def resample_by_arc_length(
 ) -> np.ndarray:
     """Sample a path at points even in its arc length: same geometry, whatever the speed or the pauses.
 
-    Arc length is the sum of chords between the points given. `cubic` interpolates by a cubic spline over it.
+    Arc length is the sum of chords between the points given.
 
-    **Arguments**: `x` [T, m] or [T, K, m] (one path in all K m coordinates); `samples`, at least 2.
+    **Arguments**: `x` [T, m] or [T, K, m] (one path in all K m coordinates); `samples`, at least 2;
+    `interpolation` over arc length, `cubic` by a spline.
     **Returns** [samples, ...], with the path's own first and last points. A path of length zero gives its one point
     `samples` times.
     **Raises** `ShapeError` if there is no point or too few samples; `MissingDependencyError` without scipy (cubic).

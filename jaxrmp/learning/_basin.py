@@ -52,8 +52,8 @@ def check_basin(
     """Descend on `potential` from random starts in the box [lower - margin, upper + margin] and see where it ends.
 
     **Arguments**: `potential`, a callable pytree `x -> Phi` with its goal at the origin; `lower`, `upper` [m], metres,
-    the box of the demonstrations; `margin`, metres; `tolerance`, metres: ends nearer than this to the origin count as
-    the goal, ends nearer than this to each other as one.
+    the box of the demonstrations; `starts`, how many; `margin`, metres; `tolerance`, metres: ends nearer than this to
+    the origin count as the goal, ends nearer than this to each other as one; `seed`, of the starts.
     **Returns** a `Basin`.
     """
     lower, upper = np.asarray(lower, float) - margin, np.asarray(upper, float) + margin

@@ -1,115 +1,98 @@
 """What a skill is learned from and how: the content of a configuration file."""
 
-import math
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass, field, fields
+
+import numpy as np
 
 from .._errors import ConfigurationError, UnknownNameError
+from .._pytree import set_field
+from .._ranges import NonNegative, Positive, settings
+from ..kinematics import Robot, load_robot, panda
+from ..leaves import Damping, JointLimit
 from ._preprocessing import PreprocessingSettings
 
 ACTIVATIONS = ("relu", "softplus", "silu", "tanh")
 LOSSES = ("smooth_l1", "l2")
-
-
-def _require(section: str, settings: Any, positive: tuple[str, ...] = (), not_negative: tuple[str, ...] = ()) -> None:
-    """Raise a `ConfigurationError` unless the named values, or all entries of the named lists, have the right sign."""
-    for name in (*positive, *not_negative):
-        value = getattr(settings, name)
-        entries = value if isinstance(value, tuple) else (value,)
-        least_ok = (lambda v: v > 0) if name in positive else (lambda v: v >= 0)
-        if not entries or not all(math.isfinite(v) and least_ok(v) for v in entries):
-            kind = "a positive number" if name in positive else "a number that is not negative"
-            raise ConfigurationError(f"{section}.{name} is {value!r}, expected {kind}.")
+_SOME_RANGE = {"lower": np.zeros(1), "upper": np.ones(1), "rest": np.zeros(1)}  # a robot's, not a configuration's
 
 
 @dataclass(frozen=True)
 class Subtask:
-    """One control point whose motion matters: `offset` [3], m, in the robot's frame `frame`."""
+    """One control point whose motion matters, `name`: `offset` [3], m, in the robot's frame `frame`."""
 
     name: str
     frame: str
     offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
-@dataclass(frozen=True)
+@settings("target")
 class TargetSettings:
     """Lengths in metres. `taper`: the target speed falls as tanh(distance / taper). `end_tolerance`: how far from
     their mean the ends may lie. `object_tolerance`: how far a tracked object may move during a demonstration."""
 
-    taper: float = 0.03
-    end_tolerance: float = 0.08
-    object_tolerance: float = 0.1
-
-    def __post_init__(self):
-        _require("target", self, positive=("end_tolerance", "object_tolerance"), not_negative=("taper",))
+    taper: NonNegative[float] = 0.03
+    end_tolerance: Positive[float] = 0.08
+    object_tolerance: Positive[float] = 0.1
 
 
-@dataclass(frozen=True)
+@settings("potential")
 class PotentialSettings:
-    """How the potential is fitted and its kernel width chosen; lengths in metres, see `choose_potential`."""
+    """How the potential is fitted and its kernel width chosen; arguments as `choose_potential`."""
 
-    widths: tuple[float, ...] = (0.02, 0.03, 0.04, 0.05, 0.06, 0.08)
-    sharpness: float = 30.0
-    regularization: float = 1e-4
-    end_weight: float = 100.0
-    basin_starts: int = 2000
-    basin_margin: float = 0.3
-
-    def __post_init__(self):
-        _require("potential", self, positive=("widths", "sharpness", "end_weight", "basin_starts"))
-        _require("potential", self, not_negative=("regularization", "basin_margin"))
+    widths: Positive[tuple[float, ...]] = (0.02, 0.03, 0.04, 0.05, 0.06, 0.08)
+    sharpness: Positive[float] = 30.0
+    regularization: NonNegative[float] = 1e-4
+    end_weight: Positive[float] = 100.0
+    basin_starts: Positive[int] = 2000
+    basin_margin: NonNegative[float] = 0.3
 
 
-@dataclass(frozen=True)
+@settings("metric")
 class MetricSettings:
-    """The metric's network and training, see `train_metrics`. Every other sample is trained on, each with a copy
-    displaced by normal noise of standard deviation `spread`, m, whose target velocity leads back to the demonstration
-    over a length of `convergence`, m (if large: parallel to it), so that the field converges in a tube around the
-    demonstrations. `reach`, m, of the metric's support around the demonstrations,
-    beyond which it becomes the identity; 0 for the network everywhere, as published."""
+    """The metric's network and training, arguments as `train_metrics`. Every other sample is trained on, each with a
+    copy displaced by normal noise of standard deviation `spread`, m, whose target velocity leads back to the
+    demonstration over a length of `convergence`, m (if large: parallel to it), so that the field converges in a tube
+    around the demonstrations. `reach`, m, of the metric's support around the demonstrations, beyond which it becomes
+    the identity; 0 for the network everywhere, as published."""
 
-    hidden: tuple[int, ...] = (128, 64)
+    hidden: Positive[tuple[int, ...]] = (128, 64)
     activation: str = "relu"
-    offset: float = 1e-3
-    length_scale: float = 0.1
+    offset: Positive[float] = 1e-3
+    length_scale: Positive[float] = 0.1
     loss: str = "smooth_l1"
-    updates: int = 1000
-    learning_rate: float = 0.005
-    weight_decay: float = 3e-5
-    spread: float = 0.01
-    convergence: float = 0.1
-    reach: float = 0.05
+    updates: Positive[int] = 1000
+    learning_rate: Positive[float] = 0.005
+    weight_decay: NonNegative[float] = 3e-5
+    spread: NonNegative[float] = 0.01
+    convergence: Positive[float] = 0.1
+    reach: NonNegative[float] = 0.05
 
     def __post_init__(self):
-        _require(
-            "metric", self, positive=("hidden", "offset", "length_scale", "updates", "learning_rate", "convergence")
-        )
-        _require("metric", self, not_negative=("weight_decay", "spread", "reach"))
         for name, valid in (("activation", ACTIVATIONS), ("loss", LOSSES)):
             if getattr(self, name) not in valid:
                 raise UnknownNameError(name, getattr(self, name), valid)
 
 
-@dataclass(frozen=True)
+@settings("policy")
 class PolicySettings:
-    """Gains of the learned policy: cruise `speed`, m/s; `damping_rate`, 1/s; joint damping and limits as in leaves."""
+    """Gains of the learned policy: cruise `speed`, m/s; `damping_rate`, 1/s; and those of the leaves `Damping` of all
+    joints and `JointLimit`, by name, where they are not to be as here or as the leaf has them."""
 
-    speed: float = 0.2
-    damping_rate: float = 40.0
-    joint_damping_weight: float = 2e-3
-    joint_damping_rate: float = 10.0
-    joint_limit_weight: float = 0.01
-    joint_limit_sigma: float = 0.1
-    joint_limit_barrier: float = 0.01
-    joint_limit_reach: float = 0.1
-    joint_limit_frequency: float = 50.0
+    speed: Positive[float] = 0.2
+    damping_rate: Positive[float] = 40.0
+    joint_damping: Mapping[str, float] = field(default_factory=dict, hash=False)
+    joint_limit: Mapping[str, float] = field(default_factory=dict, hash=False)
 
     def __post_init__(self):
-        _require("policy", self, positive=("speed", "damping_rate", "joint_damping_weight", "joint_limit_weight"))
-        _require("policy", self, positive=("joint_limit_sigma", "joint_limit_reach", "joint_limit_frequency"))
-        _require("policy", self, not_negative=("joint_damping_rate", "joint_limit_barrier"))
+        set_field(self, "joint_damping", {"weight": 2e-3, "damping_rate": 10.0} | dict(self.joint_damping))
+        for gains, leaf, given in ((self.joint_damping, Damping, {}), (self.joint_limit, JointLimit, _SOME_RANGE)):
+            known = [f.name for f in fields(leaf) if f.name not in given and not f.metadata.get("static")]
+            for name in gains:
+                if name not in known:
+                    raise UnknownNameError(f"gain of {leaf.__name__}", name, known)
+            leaf(**given, **gains)
 
 
 @dataclass(frozen=True)
@@ -119,7 +102,8 @@ class Configuration:
     `name` of the skill; `subtasks`, its control points; `robot`, "panda" or the path of an MJCF or URDF file;
     `fixed_joints`, joints of that file that stay at a value; `base`, the frame of the robot in which object poses were
     recorded; `object`, the tracked object whose frame the skill lives in, empty for the axes of `base` at the mean
-    final position of the first control point.
+    final position of the first control point; `seed`, of all that is random; `preprocessing`, `target`, `potential`,
+    `metric` and `policy`, the settings of each step.
 
     **Raises** `ConfigurationError` for values that make no sense.
     """
@@ -151,3 +135,7 @@ class Configuration:
             raise ConfigurationError(
                 f"fixed_joints is {dict(self.fixed_joints)!r}, but the built-in Panda has none to fix: its fingers are."
             )
+
+    def load_robot(self) -> Robot:
+        """The built-in Panda, or the robot of the MJCF or URDF file that is named. **Raises** as `load_robot`."""
+        return panda() if self.robot == "panda" else load_robot(self.robot, fixed=self.fixed_joints)

@@ -12,9 +12,8 @@ from ._configuration import Configuration
 
 
 def load_configuration(path: str | Path, overrides: Mapping[str, Any] | None = None) -> Configuration:
-    """Read a TOML configuration. A robot file in it is found from the configuration's folder. `overrides` are values by
-    dotted key, such as
-    `{"metric.updates": 500, "subtasks.gripper.frame": "panda_hand"}`.
+    """Read the TOML configuration at `path`. A robot file in it is found from its folder. `overrides` are values by
+    dotted key, such as `{"metric.updates": 500, "subtasks.gripper.frame": "panda_hand"}`.
 
     **Raises** `ConfigurationError` if the file is missing or unreadable, or a value has the wrong type;
     `UnknownNameError` for a key that is not known.
@@ -60,7 +59,7 @@ class _Named(dict):
 
 
 def configuration_from_dict(content: Mapping[str, Any]) -> Configuration:
-    """A `Configuration` from plain dictionaries, as in TOML or in a skill file. Raises as `load_configuration`."""
+    """A `Configuration` from the dictionaries of TOML or a skill file, `content`. Raises as `load_configuration`."""
     return _build(Configuration, dict(content), "")
 
 
@@ -100,7 +99,7 @@ def _build(kind: Any, value: Any, where: str) -> Any:
 
 
 def configuration_to_dict(configuration: Configuration) -> dict[str, Any]:
-    """Plain dictionaries, lists, strings and numbers, fit for JSON; `configuration_from_dict` undoes it."""
+    """`configuration` as dictionaries, lists, strings and numbers, for JSON; `configuration_from_dict` undoes it."""
     return {f.name: _plain(getattr(configuration, f.name)) for f in dataclasses.fields(configuration)}
 
 

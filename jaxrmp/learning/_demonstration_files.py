@@ -21,7 +21,7 @@ _LAYOUT = "Expected demo_0.npz, demo_1.npz, ... with meta.json, or demo_0.csv, d
 
 
 def load_demonstrations(path: str | os.PathLike) -> DemonstrationSet:
-    """Read the demonstrations that lie in a folder, in the order of their numbers.
+    """Read the demonstrations that lie in the folder `path`, in the order of their numbers.
 
     Either `demo_K.npz` files with a `meta.json` (`robot`, `joint_names`; optional `source`, `num_demos`, `objects`):
     `time` [T], s; `joint_positions` [T, n], rad or m; optional `pose_world_base` and `pose_world_OBJECT`, [T, 4, 4] or
@@ -59,9 +59,9 @@ def load_demonstrations(path: str | os.PathLike) -> DemonstrationSet:
 
 
 def save_demonstrations(demonstrations: DemonstrationSet, path: str | os.PathLike, overwrite: bool = False) -> Path:
-    """Write a set as a folder of `demo_K.npz` and `meta.json`, complete or not at all.
+    """Write `demonstrations` as a folder of `demo_K.npz` and `meta.json`, complete or not at all.
 
-    **Arguments**: `overwrite`, replace a folder that holds demonstrations already; others are never replaced.
+    **Arguments**: `path`, the folder; `overwrite`, replace one that holds demonstrations already, never another.
     **Returns** the folder. `load_demonstrations` gives back equal numbers.
     **Raises** `DemonstrationError` if the folder is not empty and may not be replaced.
     """
@@ -183,7 +183,10 @@ def _in_base_frame(demonstration: Demonstration, T_world_base: np.ndarray, where
 
 
 def check_replaceable(folder: Path, overwrite: bool) -> None:
-    """Look, before the work, whether `save_demonstrations` will write to a folder. **Raises** `DemonstrationError`."""
+    """Check, before the work, that `save_demonstrations` will write to `folder`, with `overwrite` or without.
+
+    **Raises** `DemonstrationError`.
+    """
     if not folder.exists():
         return
     if not folder.is_dir():

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from .._errors import DemonstrationError, RigidTransformError
-from ..kinematics._quaternions import rotation_of_quaternion
+from .._rotations import pose, rotation_of_quaternion
 from ._demonstrations import Demonstration
 
 _POSE = ("_x", "_y", "_z", "_qw", "_qx", "_qy", "_qz")
@@ -87,7 +87,4 @@ def _poses(file: Path, name: str, entries: np.ndarray) -> np.ndarray:
             f"{file}: the pose of {name!r} at sample {bad[0]} is no rigid transform: its quaternion has length "
             f"{length[bad[0]]:.4g}, expected 1."
         )
-    T = np.zeros((len(entries), 4, 4))
-    T[:, :3, :3] = rotation_of_quaternion(entries[:, 3:])
-    T[:, :3, 3], T[:, 3, 3] = entries[:, :3], 1.0
-    return T
+    return pose(entries[:, :3], rotation_of_quaternion(entries[:, 3:]))

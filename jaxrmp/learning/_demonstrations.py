@@ -32,7 +32,7 @@ class Demonstration:
         object.__setattr__(self, "poses", MappingProxyType(poses))
 
     def pose(self, name: str, sample: int = 0) -> np.ndarray:
-        """The pose [4, 4] of object `name` in the base frame at one sample. **Raises** `UnknownNameError`."""
+        """The pose [4, 4] of object `name` in the base frame at index `sample`. **Raises** `UnknownNameError`."""
         if name not in self.poses:
             raise UnknownNameError("object", name, self.poses)
         T = self.poses[name]
@@ -41,7 +41,7 @@ class Demonstration:
 
 @dataclass(frozen=True, eq=False)
 class DemonstrationSet:
-    """Two or more demonstrations of the same skill on the same robot.
+    """Two or more `demonstrations` of the same skill on the same robot.
 
     `joint_names`, in the order of `q`'s columns; `robot`, its name; `source`, where the demonstrations come from.
 

@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable
 from dataclasses import asdict, replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -43,7 +44,8 @@ class PreparedDemonstrations(NamedTuple):
 
 
 class Learning(NamedTuple):
-    """A learned skill and all that the report tells of how it was learned."""
+    """A learned `skill` and how it was learned: from `prepared` demonstrations, K indices of the `nominal` ones, K
+    `potentials`, the `metric` fit, and `seconds` by step."""
 
     skill: Skill
     prepared: PreparedDemonstrations
@@ -138,8 +140,8 @@ def prepare(configuration: Configuration, robot: Robot, demonstrations: Demonstr
     tracked object, it has the axes of the robot's `base` frame and its origin at the mean final position of the first
     control point. The demonstrations' joints may be in another order than the robot's.
 
-    **Raises** `DemonstrationError` if the joints are not the robot's, or the object moves during a demonstration; and
-    what `preprocess` and `subtask_trajectories` raise.
+    **Arguments**: `configuration`; its `robot`; `demonstrations`. **Raises** `DemonstrationError` if the joints are not
+    the robot's, or the object moves during a demonstration; and what `preprocess` and `subtask_trajectories` raise.
     """
     joints = preprocess(_in_robot_order(demonstrations, robot), configuration.preprocessing)
     frames, offsets = control_point_frames(configuration)
@@ -206,25 +208,30 @@ def still_pose(demonstration: Demonstration, name: str, tolerance: float, index:
 
 
 def control_point_frames(configuration: Configuration) -> tuple[tuple[str, ...], np.ndarray]:
-    """The frames of the configuration's control points, and their offsets [K, 3] in them, m."""
+    """The frames of the control points in `configuration`, and their offsets [K, 3] in them, m."""
     frames = tuple(subtask.frame for subtask in configuration.subtasks)
     return frames, np.array([subtask.offset for subtask in configuration.subtasks])
 
 
 def in_frame(points: np.ndarray, T: np.ndarray) -> np.ndarray:
-    """World points [..., 3] seen from the frame at pose `T` [4, 4]."""
+    """World `points` [..., 3] seen from the frame at pose `T` [4, 4]."""
     return (points - T[:3, 3]) @ T[:3, :3]
 
 
+@partial(jax.jit, static_argnums=2)
+def _poses(robot: Robot, q: jax.Array, frames: tuple[str, ...]) -> jax.Array:
+    return jax.vmap(lambda q: frame_poses(robot, q, frames))(q)
+
+
 def control_points(robot: Robot, frames: tuple[str, ...], offsets: np.ndarray, q: np.ndarray) -> np.ndarray:
-    """Positions [T, K, 3], m, in the world, of points at `offsets` [K, 3] in `frames`, along `q` [T, n]."""
+    """Positions [T, K, 3], m, in the world, of points at `offsets` [K, 3] in `frames` of `robot`, along `q` [T, n]."""
     with jax.enable_x64(True):
-        poses = np.asarray(jax.vmap(lambda q: frame_poses(robot, q, frames))(jnp.asarray(np.asarray(q, float))))
+        poses = np.asarray(_poses(robot, jnp.asarray(np.asarray(q, float)), tuple(frames)))
     return np.einsum("tkij,kj->tki", poses[:, :, :3, :3], offsets) + poses[:, :, :3, 3]
 
 
 def demonstrated_end(prepared: PreparedDemonstrations, robot: Robot, frame: str) -> np.ndarray:
-    """Where the demonstrations leave a frame of the robot, in the object's frame: the mean pose [4, 4].
+    """Where `prepared` demonstrations leave `frame` of `robot`, in the object's frame: the mean pose [4, 4].
 
     **Raises** `UnknownNameError` for a frame that is not there.
     """
@@ -242,6 +249,8 @@ def training_samples(
     `settings.spread` across the direction of motion, whose target velocity is turned back to the demonstration so far
     that it would arrive `settings.convergence` further on. The copies make the field converge in a tube around each
     demonstration: without them a rollout that drifts a little may be sent astray.
+
+    **Arguments**: `subtasks`, of all demonstrations; `settings`, of the metric; `seed`, of the noise.
     """
     K = len(subtasks.positions)
     x, v = subtasks.positions[:, :, 1::2], subtasks.velocities[:, :, 1::2]

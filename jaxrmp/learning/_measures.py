@@ -1,5 +1,7 @@
 """How far a reproduction is from its demonstration: dynamic time warping, Frechet, and the distance at the end."""
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from .._errors import ShapeError
@@ -18,18 +20,24 @@ def dtw_distance(a: np.ndarray, b: np.ndarray) -> float:
 
     Sakoe and Chiba 1978, with all three steps at weight one.
     """
-    cost = _distances_by_diagonal(a, b)
-    rows = np.arange(cost.shape[1] - 1)
-    before, last = np.full_like(cost[0], np.inf), cost[0]
-    pairs_before, pairs_last = np.zeros_like(cost[0]), np.ones_like(cost[0])
-    for distances in cost[1:]:
-        totals = _predecessors(before, last)
-        best = np.argmin(totals, axis=0)
-        total, pairs = np.full_like(last, np.inf), np.zeros_like(last)
-        total[1:] = totals[best, rows] + distances[1:]
-        pairs[1:] = _predecessors(pairs_before, pairs_last)[best, rows] + 1.0
-        before, last, pairs_before, pairs_last = last, total, pairs_last, pairs
-    return float(last[-1] / pairs_last[-1])
+    total, pairs = alignments(a, b)
+    return float(total / pairs)
+
+
+def alignments(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The least sums of distances over all alignments of paths `a` [..., T, m] and `b` [..., S, m], and how many pairs
+    have them, both [...]: all paths of a batch at once, one anti-diagonal after the other. Raises as `dtw_distance`."""
+    diagonals = _distances_by_diagonal(a, b)
+    _, last = next(diagonals)
+    before, pairs_before, pairs_last = np.full_like(last, np.inf), np.zeros_like(last), np.ones_like(last)
+    for at, now in diagonals:
+        both, first, second = _predecessors(before, last, at)
+        pairs_both, *pairs_one = _predecessors(pairs_before, pairs_last, at)
+        one, pairs = np.minimum(first, second), np.zeros_like(now)
+        now[..., at] += np.minimum(both, one)
+        pairs[..., at] = 1 + np.where(both <= one, pairs_both, np.where(first <= second, *pairs_one))
+        before, last, pairs_before, pairs_last = last, now, pairs_last, pairs
+    return last[..., -1], pairs_last[..., -1]
 
 
 def discrete_frechet(a: np.ndarray, b: np.ndarray) -> float:
@@ -40,12 +48,12 @@ def discrete_frechet(a: np.ndarray, b: np.ndarray) -> float:
 
     Eiter and Mannila 1994.
     """
-    cost = _distances_by_diagonal(a, b)
-    before, last = np.full_like(cost[0], np.inf), cost[0]
-    for distances in cost[1:]:
-        leash = np.full_like(last, np.inf)
-        leash[1:] = np.maximum(_predecessors(before, last).min(axis=0), distances[1:])
-        before, last = last, leash
+    diagonals = _distances_by_diagonal(a, b)
+    _, last = next(diagonals)
+    before = np.full_like(last, np.inf)
+    for at, now in diagonals:
+        now[..., at] = np.maximum(np.minimum.reduce(_predecessors(before, last, at)), now[..., at])
+        before, last = last, now
     return float(last[-1])
 
 
@@ -74,22 +82,27 @@ def reproduction_errors(demo_points: np.ndarray, rollout_points: np.ndarray, sam
     }
 
 
-def _distances_by_diagonal(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Distances between all points, one row for each anti-diagonal i + j, with point i in column i + 1.
+def _distances_by_diagonal(a: np.ndarray, b: np.ndarray) -> Iterator[tuple[slice, np.ndarray]]:
+    """Distances between all points: [..., T + 1] for each anti-diagonal i + j in turn, with point i in column i + 1.
 
-    Entries with no such pair are infinite, column 0 among them. [T + S - 1, T + 1].
+    The slice says which columns have a pair; the others are infinite, column 0 among them.
     """
     a, b = np.asarray(a, float), np.asarray(b, float)
-    if a.ndim != 2 or b.ndim != 2 or a.shape[1] != b.shape[1] or 0 in (*a.shape, *b.shape):
+    if a.ndim < 2 or a.ndim != b.ndim or a.shape[-1] != b.shape[-1] or 0 in (*a.shape, *b.shape):
         raise ShapeError(
             f"paths have shapes {a.shape} and {b.shape}, expected [T, m] and [S, m] with at least a point."
         )
-    i, j = np.indices((len(a), len(b)))
-    rows = np.full((len(a) + len(b) - 1, len(a) + 1), np.inf)
-    rows[i + j, i + 1] = np.linalg.norm(a[:, None] - b[None], axis=-1)
-    return rows
+    T, S = a.shape[-2], b.shape[-2]
+    a, backwards = (np.ascontiguousarray(np.moveaxis(path, -1, 0)) for path in (a, b[..., ::-1, :]))
+    for k in range(T + S - 1):
+        first, end = max(0, k - S + 1), min(k + 1, T)
+        offsets = a[..., first:end] - backwards[..., first + S - 1 - k : end + S - 1 - k]
+        row = np.full((*a.shape[1:-1], T + 1), np.inf)
+        row[..., first + 1 : end + 1] = np.sqrt((offsets * offsets).sum(0))
+        yield slice(first + 1, end + 1), row
 
 
-def _predecessors(before: np.ndarray, last: np.ndarray) -> np.ndarray:
-    """Values at (i - 1, j - 1), (i - 1, j), (i, j - 1) for all i of a diagonal, from the two before it. [3, T]."""
-    return np.stack([before[:-1], last[:-1], last[1:]])
+def _predecessors(before: np.ndarray, last: np.ndarray, at: slice) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Values at (i - 1, j - 1), (i - 1, j), (i, j - 1) for the i of a diagonal, from the two before it."""
+    shifted = slice(at.start - 1, at.stop - 1)
+    return before[..., shifted], last[..., shifted], last[..., at]

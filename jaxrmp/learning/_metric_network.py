@@ -101,7 +101,7 @@ def initial_cholesky_factor(
 ) -> CholeskyFactor:
     """A Cholesky factor before training: near the identity everywhere.
 
-    **Raises** `UnknownNameError` for an activation that is not offered.
+    `key` draws the weights; the rest as `CholeskyFactor`. **Raises** `UnknownNameError` for another activation.
     """
     if activation not in ACTIVATIONS:
         raise UnknownNameError("activation", activation, ACTIVATIONS)

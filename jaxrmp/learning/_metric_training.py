@@ -28,7 +28,8 @@ _UPDATES_A_CALL = 100  # in one compiled call, then progress is shown; fewer if 
 
 
 class MetricFit(NamedTuple):
-    """Trained factors, stacked over subtasks; the loss of every update, [updates, K]; and the time it took, s."""
+    """Trained `factors`, stacked over K subtasks; the `losses` [updates, K]; and the time it took:
+    `compilation_seconds` and `loop_seconds`."""
 
     factors: CholeskyFactor
     losses: np.ndarray
@@ -70,8 +71,9 @@ def train_metrics(
     They run at once: on a CPU, each on a core of its own.
 
     **Arguments**: `x` [K, N, m], positions, metres; `slope` [K, N, m], the potentials' gradients there; `velocity`
-    [K, N, m], what the field should be; `support`, K of them, stacked: where the networks count,
-    by default everywhere; `progress`, called with the updates done and the mean loss.
+    [K, N, m], what the field should be; `seed`, of the first weights; `updates`, how many; `learning_rate`, the first;
+    `weight_decay`, added to gradients; `loss`, `smooth_l1` or `l2`; `support`, K of them, stacked: where the networks
+    count, by default everywhere; `progress`, called with updates done and mean loss; the rest as `CholeskyFactor`.
     **Returns** a `MetricFit`.
     **Raises** `TrainingError` if a loss is not finite; `UnknownNameError` for an unknown loss or activation.
 
@@ -93,7 +95,7 @@ def train_metrics(
         shares = jax.jit(jax.vmap(jax.vmap(lambda support, x: support(x), in_axes=(None, 0))))(support, x)
     # JAX's arrays: threads have not this one's precision, and would read others anew.
     stacked = jax.tree.map(jnp.asarray, _Problem(replace(factors, support=None), x, slope, velocity, shares))
-    problems = [jax.tree.map(lambda a, k=k: a[k], stacked) for k in range(K)]
+    problems = [jax.tree.map(lambda a, k=k: jnp.asarray(np.asarray(a)[k]), stacked) for k in range(K)]
     schedule = optax.cosine_decay_schedule(learning_rate, updates)
     optimizer = optax.chain(
         optax.add_decayed_weights(weight_decay), optax.scale_by_adam(), optax.scale_by_learning_rate(schedule)

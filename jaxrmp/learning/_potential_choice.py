@@ -25,7 +25,7 @@ class WidthTrial(NamedTuple):
 
 
 class PotentialChoice(NamedTuple):
-    """The chosen fit, its trial, and all trials in the order of the widths."""
+    """The chosen `fit`, its `trial`, and all `trials` in the order of the widths."""
 
     fit: PotentialFit
     trial: WidthTrial
@@ -53,8 +53,8 @@ def choose_potential(
     starts in the demonstrations' box grown by `basin_margin` ends at the goal.
 
     **Arguments**: `positions` [N, T, m], m, goal at the origin; `directions` [N, T, m], unit; `nominal`, the index of
-    the nominal demonstration; `widths`, m; the rest as in `fit_potential` and
-    `check_basin`; `progress`, called with the fraction done.
+    the nominal demonstration; `widths`, m; `progress`, called with the fraction done; the rest as in `fit_potential`
+    and `check_basin`.
     **Returns** a `PotentialChoice`.
     **Raises** `ConvexProgramError` if no width could be fitted, `BasinError` if none has a clean basin.
     """

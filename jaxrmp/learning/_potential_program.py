@@ -13,7 +13,7 @@ from ..leaves import NominalPotential
 
 
 class PotentialFit(NamedTuple):
-    """A fitted potential and how it was fitted.
+    """A fitted `potential` and how it was fitted.
 
     `status`, the solver's; `objective`, its value; `direction_rms`, root mean square of `v_t + grad Phi(z_t)` over
     the nominal points; `end_slope`, slope at the end before its correction; `goal_hessian_eigenvalues` [m], 1/m.
@@ -59,11 +59,10 @@ def fit_potential(
     recorded data.
 
     **Arguments**: `points` [T, m], metres, ending at the origin; `directions` v [T, m], unit vectors (or shorter near
-    the end); `width`, kernel width, metres; `sharpness`, 1/m.
+    the end); `width`, kernel width, metres; `sharpness`, 1/m; `regularization` and `end_weight`, as above.
     **Returns** a `PotentialFit`.
     **Raises** `DemonstrationError` for shapes or numbers that make no trajectory; `ConfigurationError` for settings out
-    of range; `ConvexProgramError` if the solver's
-    status is anything but optimal, or the goal is not a strict minimum.
+    of range; `ConvexProgramError` if the solver's status is anything but optimal, or the goal is not a strict minimum.
 
     Rana et al. 2019, equation 7.
     """
@@ -128,10 +127,13 @@ def fit_potential(
     )
 
 
+_hessian = jax.jit(lambda potential, x: jax.hessian(potential)(x))
+
+
 def goal_hessian_eigenvalues(points, biases, end_slope, width, sharpness) -> tuple[float, ...]:
     """Eigenvalues of the potential's Hessian at its end point, ascending, in float64, 1/m."""
     with jax.enable_x64(True):
         arrays = (jnp.asarray(np.asarray(a, float)) for a in (points, biases, end_slope, width, sharpness))
         potential = NominalPotential(*arrays)
-        H = jax.hessian(potential)(potential.points[-1])
+        H = _hessian(potential, potential.points[-1])
     return tuple(float(v) for v in np.linalg.eigvalsh(np.asarray(H)))

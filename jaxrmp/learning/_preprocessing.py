@@ -1,11 +1,11 @@
 """From joint trajectories as recorded to smooth ones with the same geometry and an even number of samples."""
 
-from dataclasses import dataclass
 from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 
 from .._errors import ConfigurationError, DemonstrationError, MissingDependencyError, UnknownNameError
+from .._ranges import BelowOne, NonNegative, Positive, settings
 from ._arc_length import cubic_spline, resample_by_arc_length
 from ._demonstrations import Demonstration, DemonstrationSet
 
@@ -14,7 +14,7 @@ Resampling = Literal["arc", "time"]
 _MOST_SAMPLES = 1_000_000  # on the even time grid: nine hours at 30 Hz
 
 
-@dataclass(frozen=True)
+@settings("preprocessing")
 class PreprocessingSettings:
     """How `preprocess` works. Durations in seconds.
 
@@ -29,25 +29,20 @@ class PreprocessingSettings:
 
     samples: int = 200
     resample: Resampling = "arc"
-    filter_window: float = 0.35
+    filter_window: Positive[float] = 0.35
     filter_order: int = 3
-    rate: float = 30.0
-    repeat: float = 0.005
-    gap: float = 0.1
-    static_speed: float = 0.02
-    static_duration: float = 0.3
-    min_motion: float = 0.02
+    rate: Positive[float] = 30.0
+    repeat: NonNegative[float] = 0.005
+    gap: Positive[float] = 0.1
+    static_speed: BelowOne[NonNegative[float]] = 0.02
+    static_duration: Positive[float] = 0.3
+    min_motion: Positive[float] = 0.02
 
     def __post_init__(self):
         if self.resample not in get_args(Resampling):
             raise UnknownNameError("resampling", self.resample, get_args(Resampling))
-        for name in ("filter_window", "rate", "gap", "static_duration", "min_motion"):
-            if not 0 < getattr(self, name) < np.inf:
-                raise ConfigurationError(f"{name} is {getattr(self, name)!r}, expected a positive number.")
         if self.samples < 4:
             raise ConfigurationError(f"samples is {self.samples!r}, expected at least 4.")
-        if not 0 <= self.static_speed < 1 or self.repeat < 0:
-            raise ConfigurationError("static_speed is a fraction in [0, 1) and repeat is not negative.")
         if not 1 <= self.filter_order < self.window_samples:
             raise ConfigurationError(
                 f"filter_window {self.filter_window} s is {self.window_samples} samples at rate {self.rate}, too short "
@@ -61,7 +56,12 @@ class PreprocessingSettings:
 
 
 class PreprocessingReport(NamedTuple):
-    """What was found in one demonstration and done about it. Durations in seconds, speeds in rad/s (or m/s)."""
+    """What was found in one demonstration and done about it. Durations in seconds, speeds in rad/s (or m/s).
+
+    `samples_read`; `repeats_merged`, samples; `gaps`, how many, and `largest_gap`; `duration`; `trimmed_start` and
+    `trimmed_end`; `pauses_dropped`, how many, and `pause_seconds_dropped`; `static_speed`, below which the arm pauses;
+    `median_speed` while it moves; `path_length`, rad (or m).
+    """
 
     samples_read: int
     repeats_merged: int
@@ -78,20 +78,20 @@ class PreprocessingReport(NamedTuple):
 
 
 class Preprocessed(NamedTuple):
-    """Trajectories `q`, N arrays [samples, n] in rad or m, and one report for each."""
+    """Trajectories `q`, N arrays [samples, n] in rad or m, and one of `reports` for each."""
 
     q: tuple[np.ndarray, ...]
     reports: tuple[PreprocessingReport, ...]
 
 
 def preprocess(demonstrations: DemonstrationSet, settings: PreprocessingSettings | None = None) -> Preprocessed:
-    """Make each demonstration a smooth joint trajectory of `settings.samples` points, keeping its geometry.
+    """Make each of `demonstrations` a smooth joint trajectory of `settings.samples` points, keeping its geometry.
 
     Repeated stamps are merged, the rest put on an even time grid, pauses dropped (those at the ends become the one
     configuration in which the arm rested), the joints smoothed by a Savitzky-Golay filter that leaves the two end
     points where they are, and resampled by a cubic spline.
 
-    **Returns** a `Preprocessed`.
+    **Arguments**: `settings`, by default `PreprocessingSettings()`. **Returns** a `Preprocessed`.
     **Raises** `DemonstrationError` if a demonstration is without motion or moves for less than the filter window;
     `MissingDependencyError` without scipy.
 

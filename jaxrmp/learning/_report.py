@@ -9,7 +9,7 @@ from ._potential_choice import PotentialChoice, WidthTrial
 
 
 def learning_report(learning: Learning) -> dict[str, Any]:
-    """Everything worth knowing of a `Learning`, as dictionaries, lists, numbers and strings, fit for JSON
+    """Everything worth knowing of `learning`, a `Learning`, as dictionaries, lists, numbers and strings, fit for JSON
     but for figures that do not exist, which are NaN.
 
     Per subtask: nominal demonstration, kernel width and all widths tried, solver status and objective, residual slope

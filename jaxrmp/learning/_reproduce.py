@@ -46,8 +46,8 @@ def reproduce(
 ) -> Reproduction:
     """Reproduce each demonstration from its own first configuration, at rest, with the object where it was then.
 
-    **Arguments**: `prepared`, the demonstrations, by `prepare`; `duration`, `dt`, seconds; `own_targets`, whether the
-    subtasks' targets are where that demonstration ended (so that only the way there is judged) or the skill's.
+    **Arguments**: `skill`; its `robot`; `prepared`, the demonstrations, by `prepare`; `duration`, `dt`, seconds;
+    `own_targets`, whether targets are where that demonstration ended (so only the way there is judged) or the skill's.
     **Returns** a `Reproduction`.
     **Raises** `RolloutError` if a rollout holds non-finite states, `RobotError` for another robot than the skill's.
     """

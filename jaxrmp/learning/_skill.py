@@ -1,6 +1,7 @@
 """A learned skill: specification and parameters, ready to become part of any tree."""
 
 from dataclasses import replace
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -8,6 +9,7 @@ import numpy as np
 
 from .._errors import ConfigurationError, RobotError, ShapeError
 from .._pytree import pytree, static
+from .._rotations import nearest_rotation, pose
 from .._task_map import RigidTransform, Selection, TaskMap, Translation, check_rigid, compose
 from .._tree import Batched, Node, pullback
 from ..kinematics import ControlPoints, Robot
@@ -47,7 +49,7 @@ class Skill:
     ) -> TaskMap:
         """From joint positions [n] to the control points [K, 3] in the object's frame, each with its target at zero.
 
-        **Arguments**: `T_world_object` [4, 4], where the object is now, in the world of the robot's model, default
+        **Arguments**: `robot`; `T_world_object` [4, 4], where the object is now, in the world of its model, default
         where it was demonstrated; `targets` [K, 3], in the object's frame, m, default the skill's.
         **Raises** `RobotError` if `robot` has other kinematics than the skill was learned on.
 
@@ -79,6 +81,22 @@ class Skill:
         arrays = {name: jnp.full_like(getattr(self.learned, name), value) for name, value in gains.items()}
         return replace(self, learned=replace(self.learned, **arrays))
 
+    def load_robot(self, file: str | None = None) -> Robot:
+        """The robot that the skill was learned on, or the same one of another file, should its own have moved.
+
+        **Raises** `RobotError` if it cannot be read or has other kinematics.
+        """
+        try:
+            robot = replace(self.configuration, robot=file or self.configuration.robot).load_robot()
+        except RobotError as error:
+            if file:
+                raise
+            raise RobotError(
+                f"the robot that the skill was learned on: {error} If it has moved: --robot FILE."
+            ) from error
+        self.check_robot(robot)
+        return robot
+
     def check_robot(self, robot: Robot) -> None:
         """**Raises** `RobotError` if `robot` has other kinematics than the skill was learned on."""
         if robot.fingerprint != self.robot_fingerprint:
@@ -86,30 +104,22 @@ class Skill:
                 f"skill {self.configuration.name!r} was learned on robot {self.configuration.robot!r} with kinematic "
                 f"fingerprint {self.robot_fingerprint}, but {robot.name!r} has {robot.fingerprint}. Load the robot it "
                 "was learned on, or learn it again on this one. On the command line: leave --robot out, or, where the "
-                "robot's file has moved, let it name that file; `run` has scenes for the built-in Panda only."
+                "robot's file has moved, let it name that file; for `run`, give a scene with that robot."
             )
 
 
 def joint_leaves(robot: Robot, policy: PolicySettings) -> tuple[Damping, JointLimit | None, tuple[int, ...]]:
     """Damping of all joints, limits of those that have them (None if no joint has), and which joints those are."""
-    damping = Damping(
-        jnp.float32(policy.joint_damping_weight), jnp.float32(policy.joint_damping_rate), name="joint_damping"
-    )
-    lower, upper = np.asarray(robot.lower), np.asarray(robot.upper)
-    limited = np.flatnonzero(np.isfinite(lower) & np.isfinite(upper))
-    if limited.size == 0:
+    damping = _single(Damping(**policy.joint_damping, name="joint_damping"))
+    limited = list(robot.limited)
+    if not limited:
         return damping, None, ()
-    limit = JointLimit(
-        lower[limited],
-        upper[limited],
-        weight=policy.joint_limit_weight,
-        sigma=policy.joint_limit_sigma,
-        barrier=policy.joint_limit_barrier,
-        reach=policy.joint_limit_reach,
-        frequency=policy.joint_limit_frequency,
-    )
-    limit = jax.tree.map(lambda value: jnp.asarray(value, jnp.float32), limit)
-    return damping, limit, tuple(int(i) for i in limited)
+    lower, upper = np.asarray(robot.lower)[limited], np.asarray(robot.upper)[limited]
+    return damping, _single(JointLimit(lower, upper, **policy.joint_limit)), tuple(limited)
+
+
+def _single(leaf: Any) -> Any:
+    return jax.tree.map(lambda value: jnp.asarray(value, jnp.float32), leaf)
 
 
 def rigid_targets(offsets: np.ndarray, frames: tuple[str, ...], ends: np.ndarray) -> np.ndarray:
@@ -130,7 +140,7 @@ def rigid_targets(offsets: np.ndarray, frames: tuple[str, ...], ends: np.ndarray
     for frame in set(frames):
         rows = [k for k, name in enumerate(frames) if name == frame]
         a, b = offsets[rows], mean[rows]
-        R = _nearest_rotation((b - b.mean(0)).T @ (a - a.mean(0)))
+        R = nearest_rotation((b - b.mean(0)).T @ (a - a.mean(0)))
         targets[rows] = (a - a.mean(0)) @ R.T + b.mean(0)
     return targets
 
@@ -138,13 +148,4 @@ def rigid_targets(offsets: np.ndarray, frames: tuple[str, ...], ends: np.ndarray
 def mean_pose(poses: np.ndarray) -> np.ndarray:
     """Mean of rigid transforms [N, 4, 4]: mean position, and the rotation nearest to the mean rotation matrix."""
     poses = check_rigid(poses)
-    T = np.eye(4)
-    T[:3, :3] = _nearest_rotation(poses[:, :3, :3].mean(0))
-    T[:3, 3] = poses[:, :3, 3].mean(0)
-    return T
-
-
-def _nearest_rotation(A: np.ndarray) -> np.ndarray:
-    """The rotation matrix nearest to A [3, 3] in least squares."""
-    U, _, Vt = np.linalg.svd(A)
-    return U @ np.diag([1.0, 1.0, np.sign(np.linalg.det(U @ Vt))]) @ Vt
+    return pose(poses[:, :3, 3].mean(0), nearest_rotation(poses[:, :3, :3].mean(0)))

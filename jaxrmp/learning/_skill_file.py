@@ -1,9 +1,9 @@
-"""Skills on disk: one NPZ file, no pickle, versioned, refused if anything in it is not understood."""
+"""Skills on disk: one NPZ file, no pickle, of a version, refused if anything in it is not understood."""
 
 import json
 import os
 from collections.abc import Iterable
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,32 +19,26 @@ from ..leaves import Damping, JointLimit, Learned, NominalPotential
 from ._configuration_file import configuration_from_dict, configuration_to_dict
 from ._metric_network import CholeskyFactor, initial_cholesky_factor
 from ._skill import Skill
+from ._skill_versions import VERSION, SkillContent, up_to_date
 from ._support import Support
 
-FORMAT, VERSION = "jaxrmp skill", 3
+FORMAT = "jaxrmp skill"
 _HEADER = "header.json"
-_DAMPING = ("weight", "damping_rate")
-_LIMIT = ("lower", "upper", "rest", "weight", "sigma", "stiffness", "damping_rate", "barrier", "reach", "frequency")
-_SUPPORT = ("anchors", "reach", "strength")
 _PLACES = ("offsets", "targets", "T_world_object", "R_object_hand")
-_POTENTIAL = ("points", "biases", "end_slope", "width", "sharpness")
 
 
 def save_skill(skill: Skill, path: str | os.PathLike) -> Path:
-    """Write a skill to `path` (conventionally `NAME.skill.npz`); the file appears whole or not at all."""
+    """Write `skill` to `path` (conventionally `NAME.skill.npz`); the file appears whole or not at all."""
     factor = skill.learned.cholesky_of
     if not isinstance(factor, CholeskyFactor) or not isinstance(skill.learned.potential_of, NominalPotential):
         raise SkillFileError("only skills of a NominalPotential and a CholeskyFactor can be saved.")
-    arrays = {f"potential/{name}": getattr(skill.learned.potential_of, name) for name in _POTENTIAL}
+    arrays = _parameters("potential", skill.learned.potential_of)
     arrays |= {f"metric/{layer}/{name}": a for layer, d in factor.weights.items() for name, a in d.items()}
     arrays |= {"metric/length_scale": factor.length_scale}
-    if factor.support is not None:
-        arrays |= {f"support/{name}": getattr(factor.support, name) for name in _SUPPORT}
+    arrays |= _parameters("support", factor.support)
     arrays |= {"gains/speed": skill.learned.speed, "gains/damping_rate": skill.learned.damping_rate}
     arrays |= {name: getattr(skill, name) for name in _PLACES}
-    arrays |= {f"joint_damping/{name}": getattr(skill.joint_damping, name) for name in _DAMPING}
-    if skill.joint_limit is not None:
-        arrays |= {f"joint_limit/{name}": getattr(skill.joint_limit, name) for name in _LIMIT}
+    arrays |= _parameters("joint_damping", skill.joint_damping) | _parameters("joint_limit", skill.joint_limit)
     arrays = {name: np.asarray(a) for name, a in arrays.items()}
     header = {
         "format": FORMAT,
@@ -72,10 +66,10 @@ def save_skill(skill: Skill, path: str | os.PathLike) -> Path:
 
 
 def load_skill(path: str | os.PathLike) -> Skill:
-    """Read a skill back, bit for bit.
+    """Read the skill at `path` back, bit for bit; one of an earlier version as `up_to_date` brings it to this one.
 
-    **Raises** `SkillFileError` if the file is missing, truncated or damaged, no skill, of another version, or holds
-    anything that this version does not know.
+    **Raises** `SkillFileError` if the file is missing, truncated or damaged, no skill, of a newer version, or holds
+    anything that its version does not know.
     """
     path = Path(path)
     try:
@@ -91,16 +85,14 @@ def load_skill(path: str | os.PathLike) -> Skill:
         kind = header["format"]
     except (KeyError, TypeError, ValueError) as error:
         raise SkillFileError(f"{str(path)!r} is an NPZ file but no skill: it has no readable header.") from error
-    if kind != FORMAT or header.get("version") != VERSION:
-        raise SkillFileError(
-            f"{str(path)!r} is {kind!r} version {header.get('version')!r}; this jaxrmp ({__version__}) reads "
-            f"{FORMAT!r} version {VERSION}. It was written by jaxrmp {header.get('jaxrmp', 'unknown')}: use that, or "
-            "learn the skill again."
-        )
+    if kind != FORMAT:
+        raise SkillFileError(f"{str(path)!r} is an NPZ file but no skill: it is {kind!r}.")
     try:
-        return _skill_from(header, content)
+        found = {name: [str(a.dtype), list(a.shape)] for name, a in content.items()}
+        _same("arrays (by name, type and shape)", found.items(), header["arrays"].items())
+        return _skill_from(*up_to_date(SkillContent(header, content)))
     except (KeyError, TypeError, ValueError, AttributeError, IndexError, JaxrmpError) as error:
-        raise SkillFileError(f"skill file {str(path)!r} does not hold what its version should: {error}") from error
+        raise SkillFileError(f"skill file {str(path)!r} cannot be read: {error}") from error
 
 
 def _skill_from(header: dict[str, Any], arrays: dict[str, np.ndarray]) -> Skill:
@@ -108,8 +100,6 @@ def _skill_from(header: dict[str, Any], arrays: dict[str, np.ndarray]) -> Skill:
     _same("header entries", header, known | {"network", "configuration", "arrays"})
     _same("network entries", header["network"], {"dimension", "hidden", "activation", "offset", "supported"})
     configuration = configuration_from_dict(header["configuration"])
-    found = {name: [str(a.dtype), list(a.shape)] for name, a in arrays.items()}
-    _same("arrays (by name, type and shape)", found.items(), header["arrays"].items())
     left = {name: jnp.asarray(a) for name, a in arrays.items()}
     for name, a in arrays.items():
         if left[name].dtype != a.dtype:
@@ -127,12 +117,12 @@ def _skill_from(header: dict[str, Any], arrays: dict[str, np.ndarray]) -> Skill:
         layer: {name: _taken(left, f"metric/{layer}/{name}", (K, *jnp.shape(a))) for name, a in parameters.items()}
         for layer, parameters in template.weights.items()
     }
-    support = Support(*(left.pop(f"support/{name}") for name in _SUPPORT)) if network["supported"] else None
+    support = _built(Support, "support", left) if network["supported"] else None
     factor = replace(template, weights=weights, length_scale=_taken(left, "metric/length_scale", (K,)), support=support)
-    potential = NominalPotential(*(left.pop(f"potential/{name}") for name in _POTENTIAL))
-    damping = Damping(*(left.pop(f"joint_damping/{name}") for name in _DAMPING), name="joint_damping")
+    potential = _built(NominalPotential, "potential", left)
+    damping = _built(Damping, "joint_damping", left, name="joint_damping")
     limited = tuple(header["limited"])
-    limit = JointLimit(*(left.pop(f"joint_limit/{name}") for name in _LIMIT)) if limited else None
+    limit = _built(JointLimit, "joint_limit", left) if limited else None
     skill = Skill(
         learned=Learned(potential, factor, _taken(left, "gains/speed", (K,)), _taken(left, "gains/damping_rate", (K,))),
         joint_damping=damping,
@@ -153,6 +143,21 @@ def _skill_from(header: dict[str, Any], arrays: dict[str, np.ndarray]) -> Skill:
     if len(skill.frames) != K or potential.points.shape[:1] != (K,):
         raise SkillFileError(f"{len(skill.frames)} frames and {len(potential.points)} potentials for {K} subtasks.")
     return skill
+
+
+def _parameters(prefix: str, value: Any) -> dict[str, Any]:
+    """The parameters of a `pytree` by their names in the file; none of None."""
+    return {f"{prefix}/{name}": getattr(value, name) for name in _names(value)} if value is not None else {}
+
+
+def _built(kind: type, prefix: str, arrays: dict[str, Any], **structure: Any) -> Any:
+    """A `pytree` of its parameters in the file; one that the file has not, being older, is as `kind` has it."""
+    found = {name: arrays.pop(f"{prefix}/{name}") for name in _names(kind) if f"{prefix}/{name}" in arrays}
+    return kind(**found, **structure)
+
+
+def _names(of: Any) -> list[str]:
+    return [f.name for f in fields(of) if not f.metadata.get("static")]
 
 
 def _taken(arrays: dict[str, Any], name: str, shape: tuple[int, ...]) -> Any:

@@ -29,7 +29,7 @@ class Support:
 
 
 def support_of_samples(samples: np.ndarray, reach: float, anchors: int = 64) -> Support:
-    """The support of samples [N, m], m, of all demonstrations: `anchors` of them, spread evenly, stand for all.
+    """The support within `reach`, m, of `samples` [N, m], m: `anchors` of them, spread evenly, stand for all.
 
     Each anchor is the sample farthest from those before it, the first being the last sample.
     """

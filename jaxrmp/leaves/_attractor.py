@@ -4,8 +4,9 @@ import jax
 import jax.numpy as jnp
 
 from .._gds import GeometricDynamicalSystem
+from .._linalg import length
 from .._pytree import pytree, static
-from .._ranges import require
+from .._ranges import NonNegative, Positive
 from ._gaussian_well import gaussian_weight, gaussian_well
 
 
@@ -31,19 +32,17 @@ class Attractor(GeometricDynamicalSystem):
     """
 
     goal: jax.Array
-    weight_near: jax.Array | float = 10.0
-    weight_far: jax.Array | float = 1.0
-    width: jax.Array | float = 1.0
-    sharpness: jax.Array | float = 1.0
-    gain: jax.Array | float = 1.0
-    damping_rate: jax.Array | float = 2.0
+    weight_near: NonNegative[jax.Array | float] = 10.0
+    weight_far: NonNegative[jax.Array | float] = 1.0
+    width: Positive[jax.Array | float] = 1.0
+    sharpness: Positive[jax.Array | float] = 1.0
+    gain: NonNegative[jax.Array | float] = 1.0
+    damping_rate: NonNegative[jax.Array | float] = 2.0
     name: str = static(default="attractor")
     has_goal = True
 
-    def __post_init__(self):
-        require(
-            self, positive=("width", "sharpness"), non_negative=("weight_near", "weight_far", "gain", "damping_rate")
-        )
+    def gap(self, x):
+        return length(x - jnp.asarray(self.goal, x.dtype))
 
     def metric(self, x, xd):
         z = x - jnp.asarray(self.goal, x.dtype)

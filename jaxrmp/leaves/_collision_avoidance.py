@@ -10,7 +10,7 @@ from jax.core import Tracer
 from .._errors import ConfigurationError, UnknownNameError
 from .._gds import SeparableGDS
 from .._pytree import pytree, static
-from .._ranges import require
+from .._ranges import NonNegative, Positive
 from ._barrier import ramp, wall, wall_inertia
 
 Form = Literal["compact", "power"]
@@ -51,31 +51,26 @@ class CollisionAvoidance(SeparableGDS):
     below the floor and the barrier's inertia are this library's.
     """
 
-    epsilon: jax.Array | float = 0.2
-    barrier: jax.Array | float = 1e-5
-    damping_rate: jax.Array | float = 0.0
-    reach: jax.Array | float = 0.07
-    sigma: jax.Array | float = 0.5
-    floor: jax.Array | float | None = None
-    frequency: jax.Array | float = float("inf")
+    epsilon: NonNegative[jax.Array | float] = 0.2
+    barrier: NonNegative[jax.Array | float] = 1e-5
+    damping_rate: NonNegative[jax.Array | float] = 0.0
+    reach: Positive[jax.Array | float] = 0.07
+    sigma: Positive[jax.Array | float] = 0.5
+    floor: Positive[jax.Array | float | None] = None
+    frequency: Positive[jax.Array | float] = float("inf")
     form: Form = static(default="compact")
     name: str = static(default="collision_avoidance")
 
     def __post_init__(self):
         if self.form not in get_args(Form):
             raise UnknownNameError("form of collision avoidance", self.form, get_args(Form))
-        require(
-            self,
-            positive=("reach", "sigma", "floor", "frequency"),
-            non_negative=("epsilon", "barrier", "damping_rate"),
-        )
         limits = (self.floor, self.reach)
         known = self.floor is not None and not any(isinstance(value, Tracer) for value in limits)
         if self.form == "compact" and known and not np.all(np.asarray(self.floor) < np.asarray(self.reach)):
             raise ConfigurationError(f"floor is {self.floor} and reach {self.reach}: expected floor < reach.")
 
     def gap(self, x: jax.Array) -> jax.Array:
-        """The smallest distance, for the inspector."""
+        """The smallest of the distances `x` [m], for the inspector."""
         return jnp.min(x)
 
     def metric(self, x, xd):

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 
 from .._gds import SeparableGDS
 from .._pytree import pytree, static
-from .._ranges import require
+from .._ranges import NonNegative
 
 
 @pytree
@@ -25,12 +25,9 @@ class Damping(SeparableGDS):
     RMPflow (Cheng et al. 2018), damper.
     """
 
-    weight: jax.Array | float = 1e-3
-    damping_rate: jax.Array | float = 1.0
+    weight: NonNegative[jax.Array | float] = 1e-3
+    damping_rate: NonNegative[jax.Array | float] = 1.0
     name: str = static(default="damping")
-
-    def __post_init__(self):
-        require(self, non_negative=("weight", "damping_rate"))
 
     def metric(self, x, xd):
         return jnp.broadcast_to(jnp.asarray(self.weight, x.dtype), x.shape)

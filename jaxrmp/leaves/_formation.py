@@ -5,7 +5,7 @@ import jax.numpy as jnp
 
 from .._gds import SeparableGDS
 from .._pytree import pytree, static
-from .._ranges import require
+from .._ranges import NonNegative
 
 
 @pytree
@@ -26,14 +26,11 @@ class Formation(SeparableGDS):
     Li et al. 2019, multi-robot RMPflow, distance preservation.
     """
 
-    weight: jax.Array | float = 1.0
-    gain: jax.Array | float = 1.0
-    damping_rate: jax.Array | float = 2.0
+    weight: NonNegative[jax.Array | float] = 1.0
+    gain: NonNegative[jax.Array | float] = 1.0
+    damping_rate: NonNegative[jax.Array | float] = 2.0
     name: str = static(default="formation")
     has_goal = True
-
-    def __post_init__(self):
-        require(self, non_negative=("weight", "gain", "damping_rate"))
 
     def metric(self, x, xd):
         return jnp.broadcast_to(jnp.asarray(self.weight, x.dtype), x.shape)

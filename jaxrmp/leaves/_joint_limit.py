@@ -8,7 +8,7 @@ from jax.core import Tracer
 from .._errors import RobotError, ShapeError
 from .._gds import SeparableGDS
 from .._pytree import pytree, set_field, static
-from .._ranges import require
+from .._ranges import Finite, NonNegative, Positive
 from ._barrier import ramp, wall, wall_inertia
 
 _LEAST = 0.01  # of d, so that the metric stays finite at a limit and constant beyond it
@@ -39,7 +39,8 @@ class JointLimit(SeparableGDS):
     `damping_rate`, 1/s; `barrier`, energy; `reach`, rad or m, where the barrier begins; `frequency`, 1/s, of motion
     against the barrier. All but the ranges may be numbers or [n].
     **Raises** `RobotError` if a range is empty or not finite, `ShapeError` if the ranges are not vectors alike,
-    `ConfigurationError` for a weight, sigma, reach or frequency that is not positive, or a negative gain.
+    `ConfigurationError` for a weight, sigma, reach or frequency that is not positive, an infinite frequency, or a
+    negative gain.
 
     >>> leaf = JointLimit(lower=-np.ones(1), upper=np.ones(1))
     >>> towards, away = (leaf(jnp.array([0.8]), jnp.array([speed])).M[0, 0] for speed in (1.0, -1.0))
@@ -52,21 +53,16 @@ class JointLimit(SeparableGDS):
     lower: jax.Array
     upper: jax.Array
     rest: jax.Array | None = None
-    weight: jax.Array | float = 0.01
-    sigma: jax.Array | float = 0.1
-    stiffness: jax.Array | float = 1e-5
-    damping_rate: jax.Array | float = 1e-5
-    barrier: jax.Array | float = 0.01
-    reach: jax.Array | float = 0.1
-    frequency: jax.Array | float = 50.0
+    weight: Positive[jax.Array | float] = 0.01
+    sigma: Positive[jax.Array | float] = 0.1
+    stiffness: NonNegative[jax.Array | float] = 1e-5
+    damping_rate: NonNegative[jax.Array | float] = 1e-5
+    barrier: NonNegative[jax.Array | float] = 0.01
+    reach: Positive[jax.Array | float] = 0.1
+    frequency: Positive[Finite[jax.Array | float]] = 50.0
     name: str = static(default="joint_limit")
 
     def __post_init__(self):
-        require(
-            self,
-            positive=("weight", "sigma", "reach", "frequency"),
-            non_negative=("stiffness", "damping_rate", "barrier"),
-        )
         if not any(isinstance(value, Tracer) for value in vars(self).values()):
             self._check()
         if self.rest is None:
@@ -85,6 +81,9 @@ class JointLimit(SeparableGDS):
                 f"{lower[bad].tolist()} and upper {upper[bad].tolist()}. Select the joints that have limits with "
                 "pullback(Selection(...), JointLimit(...))."
             )
+
+    def gap(self, x):
+        return jnp.minimum(*self._distances(x)).min().astype(x.dtype)
 
     def metric(self, x, xd):
         s = jnp.clip((x - self.lower) / (self.upper - self.lower), 0, 1)

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 
 from .._gds import SeparableGDS
 from .._pytree import pytree, static
-from .._ranges import require
+from .._ranges import BelowOne, NonNegative, Positive
 
 _LEAST = 0.05  # of 1 - e, so that the metric stays finite at the limit and constant beyond it
 
@@ -33,14 +33,11 @@ class JointVelocityLimit(SeparableGDS):
     This library's. Lula's `JointVelocityCap` does the same without a certificate.
     """
 
-    limit: jax.Array | float
-    weight: jax.Array | float = 1.0
-    damping_rate: jax.Array | float = 20.0
-    onset: jax.Array | float = 0.7
+    limit: Positive[jax.Array | float]
+    weight: NonNegative[jax.Array | float] = 1.0
+    damping_rate: NonNegative[jax.Array | float] = 20.0
+    onset: BelowOne[NonNegative[jax.Array | float]] = 0.7
     name: str = static(default="joint_velocity_limit")
-
-    def __post_init__(self):
-        require(self, positive=("limit",), non_negative=("weight", "damping_rate", "onset"), below_one=("onset",))
 
     def metric(self, x, xd):
         e = (jnp.abs(xd) / jnp.asarray(self.limit, x.dtype) - self.onset) / (1 - self.onset)

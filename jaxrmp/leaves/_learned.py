@@ -8,8 +8,8 @@ import jax.numpy as jnp
 from .._forms import NaturalForm
 from .._gds import GeometricDynamicalSystem
 from .._linalg import solve_lower, solve_lower_transposed
-from .._pytree import pytree, static
-from .._ranges import require
+from .._pytree import as_pytree, pytree, set_field, static
+from .._ranges import NonNegative
 
 
 @pytree
@@ -34,13 +34,14 @@ class Learned(GeometricDynamicalSystem):
 
     potential_of: Callable[[jax.Array], jax.Array]
     cholesky_of: Callable[[jax.Array], jax.Array]
-    speed: jax.Array | float = 0.2
-    damping_rate: jax.Array | float = 20.0
+    speed: NonNegative[jax.Array | float] = 0.2
+    damping_rate: NonNegative[jax.Array | float] = 20.0
     name: str = static(default="learned")
     has_goal = True
 
     def __post_init__(self):
-        require(self, non_negative=("speed", "damping_rate"))
+        for name in ("potential_of", "cholesky_of"):
+            set_field(self, name, as_pytree(getattr(self, name)))
 
     def __call__(self, x, xd):
         # G = L L^T does not depend on velocity: its curvature terms take one pass along xd and one pass back.
@@ -63,10 +64,10 @@ class Learned(GeometricDynamicalSystem):
         return (self.damping_rate * self.metric(x, xd)).astype(x.dtype)
 
     def field(self, x: jax.Array) -> jax.Array:
-        """The learned first-order field `-M^-1 grad Phi` [m], of about unit length away from the goal."""
+        """The learned first-order field `-M^-1 grad Phi` [m] at `x` [m], of about unit length away from the goal."""
         return natural_gradient_field(self.cholesky_of(x), jax.grad(self.potential_of)(x))
 
 
 def natural_gradient_field(L: jax.Array, slope: jax.Array) -> jax.Array:
-    """`-M^-1 slope` for `M = L L^T`, by forward and back substitution; L [..., m, m], slope [..., m]."""
+    """`-M^-1 slope` for `M = L L^T`, by forward and back substitution; `L` [..., m, m], `slope` [..., m]."""
     return -solve_lower_transposed(L, solve_lower(L, slope))

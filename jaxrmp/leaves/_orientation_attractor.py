@@ -9,7 +9,8 @@ from .._errors import ShapeError
 from .._gds import GeometricDynamicalSystem
 from .._linalg import length
 from .._pytree import pytree, set_field, static
-from .._ranges import require
+from .._ranges import NonNegative, Positive
+from .._rotations import pose
 from .._task_map import check_rigid
 
 
@@ -42,10 +43,10 @@ class OrientationAttractor(GeometricDynamicalSystem):
     """
 
     R_world_goal: jax.Array
-    weight: jax.Array | float = 1.0
-    stiffness: jax.Array | float = 25.0
-    damping_rate: jax.Array | float = 10.0
-    rounding: jax.Array | float = 0.05
+    weight: NonNegative[jax.Array | float] = 1.0
+    stiffness: NonNegative[jax.Array | float] = 25.0
+    damping_rate: NonNegative[jax.Array | float] = 10.0
+    rounding: Positive[jax.Array | float] = 0.05
     name: str = static(default="orientation_attractor")
     has_goal = True
 
@@ -54,14 +55,11 @@ class OrientationAttractor(GeometricDynamicalSystem):
             R = np.asarray(self.R_world_goal)
             if R.shape != (3, 3):
                 raise ShapeError(f"R_world_goal has shape {R.shape}, expected (3, 3).")
-            T = np.eye(4)
-            T[:3, :3] = R
-            check_rigid(T, "R_world_goal")
+            check_rigid(pose(np.zeros(3), R), "R_world_goal")
         set_field(self, "R_world_goal", jnp.asarray(self.R_world_goal))
-        require(self, positive=("rounding",), non_negative=("weight", "stiffness", "damping_rate"))
 
     def gap(self, x: jax.Array) -> jax.Array:
-        """The angle to the goal, rad, for the inspector."""
+        """The angle from `x` [9] to the goal, rad, for the inspector."""
         sine = length(x - jnp.asarray(self.R_world_goal, x.dtype).reshape(9)) / 8**0.5  # of half of it
         return 2 * jnp.arcsin(jnp.minimum(sine, 1 - jnp.finfo(x.dtype).eps))
 

@@ -4,8 +4,9 @@ import jax
 import jax.numpy as jnp
 
 from .._gds import SeparableGDS
+from .._linalg import length
 from .._pytree import pytree, static
-from .._ranges import require
+from .._ranges import NonNegative
 
 
 @pytree
@@ -26,13 +27,13 @@ class Posture(SeparableGDS):
     """
 
     rest: jax.Array
-    weight: jax.Array | float = 1e-2
-    stiffness: jax.Array | float = 4.0
-    damping_rate: jax.Array | float = 4.0
+    weight: NonNegative[jax.Array | float] = 1e-2
+    stiffness: NonNegative[jax.Array | float] = 4.0
+    damping_rate: NonNegative[jax.Array | float] = 4.0
     name: str = static(default="posture")
 
-    def __post_init__(self):
-        require(self, non_negative=("weight", "stiffness", "damping_rate"))
+    def gap(self, x):
+        return length(x - jnp.asarray(self.rest, x.dtype))
 
     def metric(self, x, xd):
         return jnp.broadcast_to(jnp.asarray(self.weight, x.dtype), x.shape)

@@ -4,8 +4,9 @@ import jax
 import jax.numpy as jnp
 
 from .._gds import GeometricDynamicalSystem
+from .._linalg import length
 from .._pytree import pytree, static
-from .._ranges import require
+from .._ranges import NonNegative, Positive
 from ._gaussian_well import gaussian_weight, gaussian_well
 from ._smooth_ratios import decay_ratio
 
@@ -39,24 +40,20 @@ class StretchedAttractor(GeometricDynamicalSystem):
     """
 
     goal: jax.Array
-    weight_near: jax.Array | float = 10.0
-    weight_far: jax.Array | float = 1.0
-    width: jax.Array | float = 1.0
-    stretch_width: jax.Array | float = 1.0
-    floor: jax.Array | float = 0.0075
-    isotropy: jax.Array | float = 0.0
-    sharpness: jax.Array | float = 1.0
-    gain: jax.Array | float = 1.0
-    damping_rate: jax.Array | float = 2.0
+    weight_near: NonNegative[jax.Array | float] = 10.0
+    weight_far: NonNegative[jax.Array | float] = 1.0
+    width: Positive[jax.Array | float] = 1.0
+    stretch_width: Positive[jax.Array | float] = 1.0
+    floor: Positive[jax.Array | float] = 0.0075
+    isotropy: NonNegative[jax.Array | float] = 0.0
+    sharpness: Positive[jax.Array | float] = 1.0
+    gain: NonNegative[jax.Array | float] = 1.0
+    damping_rate: NonNegative[jax.Array | float] = 2.0
     name: str = static(default="stretched_attractor")
     has_goal = True
 
-    def __post_init__(self):
-        require(
-            self,
-            positive=("width", "stretch_width", "floor", "sharpness"),
-            non_negative=("weight_near", "weight_far", "isotropy", "gain", "damping_rate"),
-        )
+    def gap(self, x):
+        return length(x - jnp.asarray(self.goal, x.dtype))
 
     def metric(self, x, xd):
         z = x - jnp.asarray(self.goal, x.dtype)

@@ -9,23 +9,52 @@ of the arm, and move inside the cabinet within x -0.65 to -0.11, z -0.04 to 0.30
 so that the cabinet can be moved by 10 cm and 15 degrees around an arm that stays where it is.
 """
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from ..kinematics._mujoco import import_mujoco
-from ._parts import LIGHT_WOOD, METAL, WOOD, add_body, add_box, upright
+from ._parts import LIGHT_WOOD, METAL, WOOD, add_body, add_box, before_panda, moved, on_panda, pose_or, upright
+from ._scene import Plotted, Scene
 
 APPROACH = np.array([-0.506, 0.862, 0.0]) / np.hypot(0.506, 0.862)
 """From the outside to the door, in the object's frame."""
 _STANDOFF = np.array([0.042, 0.020, 0.040])  # where the gripper's centre ends, m
 _TO_BAR, _TO_DOOR = 0.055, 0.09  # along APPROACH, m
 _TO_EDGE, _TO_HINGE = 0.045, 0.36  # from the bar along the door, m
+_POSE, _YAW = np.array([0.017, -0.430, 0.762]), float(np.radians(-127.5))  # as recorded, in the base, m and rad
 
-DOOR_JOINT = "door_hinge"
+OBJECT_SPREAD = 0.10, float(np.radians(15.0))
+"""How far the door is moved, m, and turned about the vertical, rad, at most."""
 
 
-def add_door(spec: Any, thing: Any) -> None:
+@dataclass(frozen=True, eq=False)
+class Door(Scene):
+    """The task is done when the hand rests where the demonstrations left it; the door's pose varies."""
+
+    joint: str = "door_hinge"
+    plotted: Plotted | None = Plotted("door turned (degrees)", float(np.degrees(1.0)))
+    tracked: str = "door_handle"
+    goal: str = "at the standoff pose"
+    speed: float = 0.02
+
+    def vary(self, trial: Any, rng: np.random.Generator, shown: Any) -> Any:
+        direction = rng.normal(size=3)
+        offset = OBJECT_SPREAD[0] * rng.uniform() ** (1 / 3) * direction / np.linalg.norm(direction)
+        T = moved(trial.T_world_object, offset, rng.uniform(-OBJECT_SPREAD[1], OBJECT_SPREAD[1]))
+        return trial._replace(T_world_object=T)
+
+
+def door(T_world_object: np.ndarray | None = None) -> Door:
+    """The Panda before an open cabinet door; the object is at `T_world_object` [4, 4], default as recorded."""
+    T = pose_or(T_world_object, _POSE, _YAW)
+    spec, thing = before_panda(T, [-1.15, -0.95, 0.5], [0.15, 0.1, -0.1])
+    _add_door(thing)
+    return Door("door", spec, T_world_object=T, **on_panda())
+
+
+def _add_door(thing: Any) -> None:
     """The cabinet, fixed in the object's frame, and the door on its hinge; 0 rad is where it stood when shown."""
     mujoco = import_mujoco()
     along = np.array([APPROACH[1], -APPROACH[0], 0.0])  # from the free edge to the hinge
@@ -33,7 +62,7 @@ def add_door(spec: Any, thing: Any) -> None:
     # x points from the hinge along the door to its free edge, y (z up) to the outside.
     door = add_body(thing, "door", hinge, upright(-along))
     door.add_joint(
-        name=DOOR_JOINT,
+        name="door_hinge",
         type=3,  # mjJNT_HINGE
         axis=[0.0, 0.0, 1.0],
         range=[-0.5, 1.8],

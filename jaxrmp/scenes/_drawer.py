@@ -15,11 +15,13 @@ of the gripper's centre). Over six recorded and six synthetic ones:
   leans over the closed drawer, so the cabinet is 9.5 cm higher than the handle, no more.
 """
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from ._parts import LIGHT_WOOD, METAL, WOOD, add_body, add_box, upright
+from ._parts import LIGHT_WOOD, METAL, WOOD, add_body, add_box, before_panda, on_panda, pose_or, upright
+from ._scene import Left, Plotted, Scene
 
 PUSH = np.array([0.58, -0.81, 0.0]) / np.hypot(0.58, 0.81)
 """Direction of closing, in the object's frame."""
@@ -28,11 +30,39 @@ OPENING = 0.15  # how far the drawer stands open at the start, m
 TRAVEL = 0.25  # m
 _FRICTION = 3.0  # N, dry, of the slide
 _DAMPING = 5.0  # N s/m
+DRAWER_POSE = np.array([0.641, -0.436, 0.236])  # where the recorded demonstrations end on average, in the base, m
 
-DRAWER_JOINT = "drawer_slide"
+
+@dataclass(frozen=True, eq=False)
+class Drawer(Scene):
+    """The task is done when the drawer is open by at most `closed`, m; starts vary."""
+
+    may_touch: tuple[str, ...] = ("drawer_handle", "drawer_front")
+    joint: str = "drawer_slide"
+    start: float = OPENING
+    plotted: Plotted | None = Plotted("drawer open (mm)", 1000.0, 5.0)
+    goal: str = "closed"
+    closed: float = 0.005
+
+    def left(self, data: Any) -> Left:
+        error = abs(self.joint_position(data))
+        return Left(error <= self.closed, f"open by {1000 * error:.1f} mm", error)
 
 
-def add_drawer(spec: Any, thing: Any) -> None:
+def drawer(T_world_object: np.ndarray | None = None) -> Drawer:
+    """The Panda before a drawer that stands open; the object is at `T_world_object` [4, 4], default as recorded."""
+    T = pose_or(T_world_object, DRAWER_POSE)
+    return Drawer("drawer", drawer_spec(T), T_world_object=T, **on_panda())
+
+
+def drawer_spec(T: np.ndarray) -> Any:
+    """The editable model, its camera before an object at `T` [4, 4]."""
+    spec, thing = before_panda(T, [0.75, 1.15, 0.75], [-0.25, 0.15, 0.05])
+    _add_drawer(thing)
+    return spec
+
+
+def _add_drawer(thing: Any) -> None:
     """The cabinet, fixed in the object's frame, and the drawer on its slide; 0 m is closed."""
     # x points out of the cabinet, so that opening is positive; the origin is the face of the closed handle.
     cabinet = add_body(thing, "cabinet", CLOSED_FACE * PUSH, upright(-PUSH))
@@ -43,7 +73,7 @@ def add_drawer(spec: Any, thing: Any) -> None:
     add_box(cabinet, "cabinet_back", [-0.585, 0.0, -0.05], [0.01, 0.22, 0.125], WOOD, touches=False)
     drawer = add_body(cabinet, "drawer", [0.0, 0.0, 0.0])
     drawer.add_joint(
-        name=DRAWER_JOINT,
+        name="drawer_slide",
         type=2,  # mjJNT_SLIDE
         axis=[1.0, 0.0, 0.0],
         range=[0.0, TRAVEL],

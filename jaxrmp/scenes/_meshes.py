@@ -7,9 +7,11 @@ from typing import Any
 import numpy as np
 
 from .._errors import RobotError
+from .._rotations import pose, quaternion_of_rotation, rotation_of_quaternion
+from ..kinematics import panda
 from ..kinematics._mujoco import import_mujoco
-from ..kinematics._quaternions import rotation_of_quaternion
-from ._parts import FINGER_WIDTH, quaternion
+from ._parts import FINGER_WIDTH
+from ._scene import Scene
 
 _BODIES = {f"panda_link{i}": f"link{i}" for i in range(8)} | {
     "panda_hand": "hand",
@@ -35,6 +37,22 @@ def panda_meshes() -> Path | None:
         return None
     cache, robot = mujoco_menagerie.Cache(), mujoco_menagerie.get("franka_emika_panda")
     return Path(cache.model_path(robot)) / "panda.xml" if cache.is_cached(robot) else None
+
+
+def picture_model(place: Scene, meshes: str | os.PathLike | None = None) -> Any:
+    """The model of a scene as it is drawn: the Panda with the looks of Menagerie's where they are at hand, else as it
+    is.
+
+    States of one are states of the other. **Arguments**: `meshes`, the MJCF file, by default `panda_meshes()`.
+    **Raises** `RobotError` for a file that is not that.
+    """
+    if meshes is None:
+        meshes = panda_meshes() if place.robot.fingerprint == panda().fingerprint else None
+    if meshes is None:
+        return place.model
+    spec = place.spec.copy()
+    add_meshes(spec, meshes)
+    return spec.compile()
 
 
 def add_meshes(spec: Any, source: str | os.PathLike) -> None:
@@ -69,14 +87,14 @@ def add_meshes(spec: Any, source: str | os.PathLike) -> None:
             mesh = meshes[geom.meshname]
             if spec.mesh(f"mesh_{geom.meshname}") is None:
                 spec.add_mesh(name=f"mesh_{geom.meshname}", file=str((folder / mesh.file).resolve()), scale=mesh.scale)
-            T = T_own_theirs @ _pose(geom.pos, geom.quat)
+            T = T_own_theirs @ pose(geom.pos, rotation_of_quaternion(geom.quat))
             body.add_geom(
                 type=mujoco.mjtGeom.mjGEOM_MESH,
                 meshname=f"mesh_{geom.meshname}",
                 material=f"mesh_{geom.material}" if geom.material else "",
                 rgba=geom.rgba,
                 pos=T[:3, 3],
-                quat=quaternion(T[:3, :3]),
+                quat=quaternion_of_rotation(T[:3, :3]),
                 mass=0.0,
                 contype=0,
                 conaffinity=0,
@@ -93,10 +111,5 @@ def _body_poses(model: Any, finger: float) -> dict[str, np.ndarray]:
         if "finger" in model.joint(j).name:
             data.qpos[model.jnt_qposadr[j]] = finger
     mujoco.mj_kinematics(model, data)
-    return {model.body(b).name: _pose(data.xpos[b], data.xquat[b]) for b in range(model.nbody)}
-
-
-def _pose(position: np.ndarray, wxyz: np.ndarray) -> np.ndarray:
-    T = np.eye(4)
-    T[:3, :3], T[:3, 3] = rotation_of_quaternion(wxyz), position
-    return T
+    poses = pose(data.xpos, rotation_of_quaternion(data.xquat))
+    return {model.body(b).name: T for b, T in enumerate(poses)}

@@ -1,16 +1,23 @@
-"""What all scenes are made of: the arm with its fingers held, the floor and the light, boxes and frames."""
+"""What scenes are made of: the arm with its fingers held, the floor and the light, boxes and frames."""
 
 from typing import Any
 
 import numpy as np
 
-from ..kinematics import PANDA_MODEL
+from .._rotations import pose, quaternion_of_rotation, rotation_of_vector
+from .._task_map import check_rigid
+from ..kinematics import PANDA_MODEL, panda
 from ..kinematics._mujoco import import_mujoco
 
 FINGER_WIDTH = 0.04  # each finger's joint, m: as `panda()` fixes them and as the recordings of the paper have them
 WOOD = [0.76, 0.6, 0.42, 1.0]
 LIGHT_WOOD = [0.86, 0.74, 0.58, 1.0]
 METAL = [0.35, 0.36, 0.38, 1.0]
+
+
+def on_panda() -> dict[str, Any]:
+    """What every scene with the built-in Panda says of it."""
+    return {"robot": panda(), "hand": "panda_hand_tcp", "standing": ("panda_link0", "panda_link1")}
 
 
 def arm_spec() -> Any:
@@ -28,14 +35,12 @@ def arm_spec() -> Any:
         if "finger" in joint.name:
             joint.parent.pos = np.asarray(joint.parent.pos) + FINGER_WIDTH * np.asarray(joint.axis)
             spec.delete(joint)
-    spec.option.timestep = 0.001
-    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-    spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET  # a diverged state shall be seen
+    for i, geom in enumerate(g for body in spec.bodies[1:] for g in body.geoms):
+        geom.name = geom.name or f"arm_{i}"
     spec.add_numeric(name="max_contact_points", data=[8.0])  # MJX keeps the deepest ones; each costs it time always
     spec.add_numeric(name="max_geom_pairs", data=[24.0])  # of a kind, the nearest ones, that MJX looks at for contact
     spec.visual.quality.shadowsize = 1024
     spec.visual.quality.offsamples = 0
-    spec.visual.global_.offwidth, spec.visual.global_.offheight = 1280, 960
     spec.visual.headlight.ambient = [0.35, 0.35, 0.35]
     spec.add_texture(
         name="sky",
@@ -60,16 +65,37 @@ def arm_spec() -> Any:
     return spec
 
 
-def add_object(spec: Any, T_world_object: np.ndarray) -> Any:
-    """The body whose frame is the object's; it moves where it is put and carries all of the furniture."""
-    return spec.worldbody.add_body(
-        name="object", mocap=True, pos=T_world_object[:3, 3], quat=quaternion(T_world_object[:3, :3])
+def moved(T: np.ndarray, offset: np.ndarray, yaw: float) -> np.ndarray:
+    """A pose [4, 4] moved by `offset` [3], m, in the world, and turned by `yaw`, rad, about the vertical through it."""
+    return pose(T[:3, 3] + offset, rotation_of_vector(np.array([0.0, 0.0, yaw])) @ T[:3, :3])
+
+
+def pose_or(T: np.ndarray | None, position: np.ndarray, yaw: float = 0.0) -> np.ndarray:
+    """The pose given, or that at `position` [3], m, turned by `yaw`, rad, about the vertical."""
+    return moved(np.eye(4), position, yaw) if T is None else check_rigid(T)
+
+
+def before_panda(T_world_object: np.ndarray, eye: Any, target: Any) -> tuple[Any, Any]:
+    """The Panda's editable model, and in it the body whose frame is the object's, which carries all of the furniture.
+
+    The camera named "view" stands at `eye` and looks at `target`, m, both from the object, along the world's axes.
+    """
+    spec, position = arm_spec(), T_world_object[:3, 3]
+    thing = spec.worldbody.add_body(
+        name="object", mocap=True, pos=position, quat=quaternion_of_rotation(T_world_object[:3, :3])
     )
+    back = np.asarray(eye, float) - np.asarray(target, float)
+    back /= np.linalg.norm(back)
+    right = np.cross([0.0, 0.0, 1.0], back)
+    right /= np.linalg.norm(right)
+    axes = np.stack([right, np.cross(back, right), back], axis=1)
+    spec.worldbody.add_camera(name="view", pos=position + eye, quat=quaternion_of_rotation(axes), fovy=45.0)
+    return spec, thing
 
 
 def add_body(parent: Any, name: str, position: Any, axes: np.ndarray | None = None) -> Any:
     """A body at `position` in its parent, m, whose axes there are the columns of `axes`."""
-    return parent.add_body(name=name, pos=position, quat=quaternion(np.eye(3) if axes is None else axes))
+    return parent.add_body(name=name, pos=position, quat=quaternion_of_rotation(np.eye(3) if axes is None else axes))
 
 
 def add_box(body: Any, name: str, center: Any, half: Any, rgba: Any, mass: float = 0.0, touches: bool = True) -> None:
@@ -85,24 +111,6 @@ def add_box(body: Any, name: str, center: Any, half: Any, rgba: Any, mass: float
         contype=0,
         conaffinity=int(touches),
     )
-
-
-def add_camera(spec: Any, position: Any, target: Any, degrees: float = 45.0) -> None:
-    """The camera named "view", at `position`, looking at `target`, both in the world, m."""
-    back = np.asarray(position, float) - np.asarray(target, float)
-    back /= np.linalg.norm(back)
-    right = np.cross([0.0, 0.0, 1.0], back)
-    right /= np.linalg.norm(right)
-    axes = np.stack([right, np.cross(back, right), back], axis=1)
-    spec.worldbody.add_camera(name="view", pos=position, quat=quaternion(axes), fovy=degrees)
-
-
-def quaternion(R: np.ndarray) -> np.ndarray:
-    """The unit quaternion (w, x, y, z) of a rotation matrix."""
-    mujoco = import_mujoco()
-    quat = np.zeros(4)
-    mujoco.mju_mat2Quat(quat, np.ascontiguousarray(R, float).ravel())
-    return quat
 
 
 def upright(forward: Any) -> np.ndarray:

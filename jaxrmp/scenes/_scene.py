@@ -1,65 +1,135 @@
-"""Scenes: a MuJoCo model of the arm with furniture, and what a runner asks about it."""
+"""A scene: a MuJoCo model of an arm with what it works on, and the rules of the task there."""
 
-import os
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from .._errors import ConfigurationError, UnknownNameError
+from .._errors import ConfigurationError, RobotError, UnknownNameError
+from .._rotations import pose, quaternion_of_rotation, rotation_of_quaternion
 from .._task_map import check_rigid
-from ..kinematics import Robot, panda
+from ..kinematics import Robot
 from ..kinematics._mujoco import import_mujoco
-from ..kinematics._quaternions import rotation_of_quaternion
-from ..world import Capsules, World
-from ._door import DOOR_JOINT, add_door
-from ._drawer import DRAWER_JOINT, OPENING, add_drawer
-from ._meshes import add_meshes, panda_meshes
-from ._parts import add_camera, add_object, arm_spec, quaternion
+from ..world import World
 
-SCENES = ("drawer", "drawer_obstacle", "door")
-"""Names of the scenes."""
-
-_DRAWER_POSE = np.array([0.641, -0.436, 0.236])  # where the recorded demonstrations end on average, in the base, m
-_DOOR_POSE = np.array([0.017, -0.430, 0.762])
-_DOOR_YAW = np.radians(-127.5)
+START_SPREAD = 0.15
+"""Of every joint around a demonstrated start, rad."""
 _FAR = 1.0  # distances beyond this are not looked at, m
 
 
-class Cylinder(NamedTuple):
-    """A standing cylinder: `center` of its foot in the object's frame, `radius` and `height`, all in m.
+class Left(NamedTuple):
+    """What is left to a scene's goal.
 
-    Its foot is on the floor whatever the height of the object. What the arm touches is a capsule of the same radius
-    and height, since MJX has no contact between boxes and cylinders.
+    `there`, whether that counts as reached; `words` for it, such as "open by 3.1 mm"; `error`, m; `angle`, rad, NaN
+    where none is judged.
     """
 
-    center: tuple[float, float] = (-0.18, 0.215)
-    radius: float = 0.025
-    height: float = 0.30
+    there: bool
+    words: str
+    error: float
+    angle: float = float("nan")
 
 
-@dataclass(frozen=True)
+class Plotted(NamedTuple):
+    """What is drawn over time: the position of the scene's `joint` times `scale`, named `label`, and a line at
+    `goal`."""
+
+    label: str
+    scale: float = 1.0
+    goal: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
 class Scene:
-    """A MuJoCo model of the arm with furniture; one model serves many `mujoco.MjData`, each with its object's pose.
+    """A MuJoCo model of an arm with what it works on; one model serves many `mujoco.MjData` and many poses of the
+    object.
 
-    `name`; `model`, a `mujoco.MjModel`; `robot`, the arm inside it, its fingers held; `arm_qpos`, `arm_dofs`,
-    `arm_actuators`, where its n joints are in `qpos`, `qvel`, `ctrl`; `arm_geoms`, its geometries; `forbidden`, those
-    that it must not touch; `T_world_object` [4, 4], where the object stands at first; `cylinder`, None without one;
-    `joint`, the furniture's joint, and `start`, where it is at first (m, rad).
+    `name`; `spec`, the `mujoco.MjSpec` of everything, which is compiled for steps of a millisecond; `robot`, the arm in
+    it, whose joints have a motor each; `hand`, the site or body of the arm that the task is about; `object`, the body
+    whose frame skills speak of, a mocap body or one with a free joint, empty without one; `T_world_object` [4, 4],
+    where it is at first; `may_touch`, the geometries that the arm may touch, besides which it must touch nothing;
+    `standing`, bodies of the arm that stand on something; `joint`, the one that the task moves, if any, and `start`,
+    where it is at first (m, rad); `plotted`, how it is drawn; `tracked`, the object that a skill must have been taught
+    with, empty for the frame of the arm's base.
+
+    What success is: `goal`, in a word or two, is reached while `left` says so and the hand is slower than `speed`, m/s.
+    Here: the hand within `position`, m, and `angle`, rad, of `T_object_hand` [4, 4], where the demonstrations left it
+    in the object's frame. A scene of its own kind derives from this class and says in `left` and `vary` what holds
+    there.
+
+    **Raises** `RobotError` for an arm that is not in the model or cannot be driven, `UnknownNameError` for a name that
+    is not there, `ConfigurationError` for an object that cannot be placed.
     """
 
     name: str
-    model: Any
+    spec: Any
     robot: Robot
-    arm_qpos: np.ndarray
-    arm_dofs: np.ndarray
-    arm_actuators: np.ndarray
-    arm_geoms: np.ndarray
-    forbidden: np.ndarray
-    T_world_object: np.ndarray
-    cylinder: Cylinder | None
-    joint: str
-    start: float
+    hand: str = ""
+    object: str = "object"
+    T_world_object: np.ndarray = field(default_factory=lambda: np.eye(4))
+    may_touch: tuple[str, ...] = ()
+    standing: tuple[str, ...] = ()
+    joint: str = ""
+    start: float = 0.0
+    plotted: Plotted | None = None
+    tracked: str = ""
+    goal: str = "at the goal"
+    position: float = 0.01
+    angle: float = float(np.radians(10.0))
+    speed: float = float("inf")
+    per_round: bool = False
+    """Whether a variation is drawn for every round of demonstrated starts, and not for every trial."""
+    T_object_hand: np.ndarray | None = None
+    model: Any = None
+
+    def __post_init__(self):
+        if self.model is None:
+            object.__setattr__(self, "model", self._compiled())
+            self._check()
+
+    def left(self, data: Any) -> Left:
+        """What is left to the goal in a state of the model, a `mujoco.MjData`."""
+        if self.T_object_hand is None:
+            raise ConfigurationError(
+                f"scene {self.name!r} needs T_object_hand, the hand's pose in the object's frame that counts as there: "
+                "dataclasses.replace(scene, T_object_hand=...), of learning.demonstrated_end."
+            )
+        wanted, T = self.object_pose(data) @ self.T_object_hand, self.hand_pose(data)
+        error = float(np.linalg.norm(T[:3, 3] - wanted[:3, 3]))
+        angle = float(np.arccos(np.clip((np.trace(wanted[:3, :3].T @ T[:3, :3]) - 1) / 2, -1.0, 1.0)))
+        words = f"{100 * error:.1f} cm and {np.degrees(angle):.0f} degrees off"
+        return Left(error <= self.position and angle <= self.angle, words, error, angle)
+
+    def vary(self, trial: Any, rng: np.random.Generator, shown: Sequence[tuple[np.ndarray, np.ndarray]]) -> Any:
+        """A `simulation.Trial` like the one given, varied; None if this draw will not do.
+
+        Here: every joint of the start by up to `START_SPREAD`. **Arguments**: `shown`, the demonstrations, each as its
+        path [T, n], rad, and the object's pose [4, 4].
+        """
+        q = trial.q + rng.uniform(-START_SPREAD, START_SPREAD, len(trial.q))
+        return trial._replace(q=np.clip(q, np.asarray(self.robot.lower), np.asarray(self.robot.upper)))
+
+    def obstacles(self, T_world_object: np.ndarray | None = None) -> World:
+        """What the policy is told to avoid with the object at a pose [4, 4], default at first. Here: nothing."""
+        return World()
+
+    def at(self, trial: Any) -> "Scene":
+        """The scene as it is in a `simulation.Trial`; the model is shared."""
+        return replace(self, **{**dict(trial.changes), "T_world_object": check_rigid(trial.T_world_object)})
+
+    def with_object(self, T_world_object: np.ndarray) -> "Scene":
+        """The same scene with the object elsewhere at first; the model is shared."""
+        return replace(self, T_world_object=check_rigid(T_world_object))
+
+    def fresh(self) -> Any:
+        """A `mujoco.MjData` with everything but the arm where it is at first."""
+        data = import_mujoco().MjData(self.model)
+        self.place(data, self.T_world_object)
+        if self.joint:
+            data.qpos[self.model.joint(self.joint).qposadr[0]] = self.start
+        return data
 
     def data(self, q: np.ndarray) -> Any:
         """A `mujoco.MjData` with the arm at rest at `q` [n], everything else where it is at first, forward computed.
@@ -67,17 +137,13 @@ class Scene:
         **Raises** `ConfigurationError` if `q` is not [n], or in collision with what must not be touched or with the
         arm itself.
         """
-        mujoco = import_mujoco()
         q = np.asarray(q, float)
         if q.shape != (self.robot.num_joints,) or not np.isfinite(q).all():
             raise ConfigurationError(f"q is {q.tolist()}, expected {self.robot.num_joints} finite joint positions.")
-        data = mujoco.MjData(self.model)
-        self.place(data, self.T_world_object)
-        data.qpos[self.model.joint(self.joint).qposadr[0]] = self.start
+        data = self.fresh()
         data.qpos[self.arm_qpos] = q
-        mujoco.mj_forward(self.model, data)
-        touched = self.contacts(data)
-        if touched:
+        import_mujoco().mj_forward(self.model, data)
+        if touched := self.contacts(data):
             raise ConfigurationError(
                 f"the start {np.round(q, 3).tolist()} is in collision: {', '.join(touched)}. Start elsewhere, or move "
                 "the object."
@@ -85,42 +151,60 @@ class Scene:
         return data
 
     def place(self, data: Any, T_world_object: np.ndarray) -> None:
-        """Put the object, and all furniture with it, at a pose [4, 4]; the cylinder too, on the floor.
+        """Put the object, and all that stands with it, at a pose [4, 4], from MuJoCo's next step on.
 
-        It takes effect with MuJoCo's next step. **Raises** `RigidTransformError`.
+        **Raises** `RigidTransformError`.
         """
-        T = check_rigid(T_world_object)
-        self.move_object(data, T)
-        if self.cylinder is not None:
-            data.mocap_pos[1], data.mocap_quat[1] = self._cylinder_foot(T), [1.0, 0.0, 0.0, 0.0]
+        self.move_object(data, check_rigid(T_world_object))
 
     def move_object(self, data: Any, T_world_object: np.ndarray) -> None:
-        """As `place`, but the cylinder stays where it is, and the pose is not checked."""
-        data.mocap_pos[0], data.mocap_quat[0] = T_world_object[:3, 3], quaternion(T_world_object[:3, :3])
+        """Move the object alone; the pose is not checked."""
+        if self.object:
+            position, wxyz = self._object_state(data)
+            position[:], wxyz[:] = T_world_object[:3, 3], quaternion_of_rotation(T_world_object[:3, :3])
 
     def object_pose(self, data: Any) -> np.ndarray:
         """`T_world_object` [4, 4], the frame that skills speak of."""
-        T = np.eye(4)
-        T[:3, :3], T[:3, 3] = rotation_of_quaternion(data.mocap_quat[0]), data.mocap_pos[0]
-        return T
+        if not self.object:
+            return np.array(self.T_world_object, float)
+        position, wxyz = self._object_state(data)
+        return pose(position, rotation_of_quaternion(wxyz))
+
+    def hand_pose(self, data: Any) -> np.ndarray:
+        """`T_world_hand` [4, 4]."""
+        if self._hand_is_site:
+            site = self.model.site(self.hand).id
+            return pose(data.site_xpos[site], data.site_xmat[site].reshape(3, 3))
+        body = self.model.body(self.hand).id
+        return pose(data.xpos[body], data.xmat[body].reshape(3, 3))
 
     def joint_position(self, data: Any) -> float:
-        """Where the furniture's joint is: how far the drawer stands open, m; the door's angle, rad."""
+        """Where the task's joint is, m or rad."""
         return float(data.qpos[self.model.joint(self.joint).qposadr[0]])
 
     def contacts(self, data: Any) -> list[str]:
         """What the arm touches and must not, itself included, as "geometry of the arm's body - other geometry"."""
         m, found = self.model, set()
-        forbidden, arm = set(self.forbidden.tolist()), set(self.arm_geoms.tolist())
         for a, b in data.contact.geom[data.contact.dist < 0].tolist():
-            a, b = (a, b) if a in arm else (b, a)
-            if a in arm and (b in forbidden or b in arm):
+            a, b = (a, b) if self.of_arm[a] else (b, a)
+            if self.of_arm[a] and (b in self._forbidden or self.of_arm[b]):
                 other = m.geom(b).name or m.body(int(m.geom_bodyid[b])).name
                 found.add(f"{m.body(int(m.geom_bodyid[a])).name} - {other}")
         return sorted(found)
 
+    def touches(self, path: np.ndarray) -> bool:
+        """Whether the arm touches what it must not anywhere on a path [T, n], everything else as at first."""
+        mujoco, data = import_mujoco(), self.fresh()
+        for q in path:
+            data.qpos[self.arm_qpos] = q
+            mujoco.mj_kinematics(self.model, data)
+            mujoco.mj_collision(self.model, data)
+            if self.contacts(data):
+                return True
+        return False
+
     def clearance(self, data: Any) -> float:
-        """Least distance of the arm's geometry to what it must not touch, the floor aside, m; at most 1."""
+        """Least distance of the arm's geometry to what it must not touch, planes aside, m; at most 1."""
         mujoco = import_mujoco()
         m, least = self.model, _FAR
         x, reach = data.geom_xpos, m.geom_rbound
@@ -132,127 +216,129 @@ class Scene:
                 least = min(least, mujoco.mj_geomDistance(m, data, int(a), int(b), least, None))
         return float(least)
 
-    def obstacles(self, T_world_object: np.ndarray | None = None) -> World:
-        """What the policy is told to avoid, as a `World`: the cylinder as the capsule that it is, or nothing."""
-        if self.cylinder is None:
-            return World()
-        foot = self._cylinder_foot(self.T_world_object if T_world_object is None else np.asarray(T_world_object))
-        r, up = self.cylinder.radius, np.array([0.0, 0.0, 1.0])
-        return World(capsules=Capsules.of([(foot + r * up, foot + (self.cylinder.height - r) * up, r)]))
+    def check_object(self, name: str, skill: str = "") -> None:
+        """**Raises** `ConfigurationError` unless the object of a `skill`, empty for none, is the one tracked here."""
+        if (name or "") == self.tracked:
+            return
+        raise ConfigurationError(
+            f"skill {skill!r} needs object {name!r}, which scene {self.name!r} does not have: use one that tracks it."
+            if name
+            else f"scene {self.name!r} tracks the object {self.tracked!r}, and skill {skill!r} lives in the frame of "
+            "the arm's base: use a scene that tracks none, such as --scene drawer."
+        )
 
-    def with_object(self, T_world_object: np.ndarray) -> "Scene":
-        """The same scene with the object elsewhere at first; the model is shared."""
-        return replace(self, T_world_object=check_rigid(T_world_object))
+    @cached_property
+    def arm_qpos(self) -> np.ndarray:
+        """Where the n joints are in `qpos`."""
+        return np.array([self.model.joint(name).qposadr[0] for name in self.robot.joint_names])
 
-    def with_cylinder(self, center: tuple[float, float]) -> "Scene":
-        """The same scene with the cylinder elsewhere in the object's frame; the model is shared."""
-        if self.cylinder is None:
-            raise ConfigurationError(f"scene {self.name!r} has no cylinder to move: use scene 'drawer_obstacle'.")
-        return replace(self, cylinder=self.cylinder._replace(center=(float(center[0]), float(center[1]))))
+    @cached_property
+    def arm_dofs(self) -> np.ndarray:
+        """Where the n joints are in `qvel`."""
+        return np.array([self.model.joint(name).dofadr[0] for name in self.robot.joint_names])
 
-    def _cylinder_foot(self, T: np.ndarray) -> np.ndarray:
-        assert self.cylinder is not None
-        foot = T[:3, :3] @ [*self.cylinder.center, 0.0] + T[:3, 3]
-        return np.array([foot[0], foot[1], 0.0])
+    @cached_property
+    def arm_actuators(self) -> np.ndarray:
+        """Where the motors of the n joints are in `ctrl`."""
+        joints = [self.model.joint(name).id for name in self.robot.joint_names]
+        motors = self.model.actuator_trnid[:, 0].tolist()
+        return np.array([motors.index(joint) for joint in joints])
 
+    @cached_property
+    def gear(self) -> np.ndarray:
+        """Torque of each motor for a control of one, N m or N, [n]."""
+        m, motors = self.model, self.arm_actuators
+        return np.array(m.actuator_gear[motors, 0] * m.actuator_gainprm[motors, 0])
 
-def scene(name: str, *, T_world_object: np.ndarray | None = None, cylinder: Cylinder | None = None) -> Scene:
-    """Build a scene: the Panda before a drawer, the same with a cylinder in the way, or before an open cabinet door.
+    @cached_property
+    def torque_limit(self) -> np.ndarray:
+        """The largest torque of each motor, N m or N, [n]; infinite where there is none."""
+        m, motors = self.model, self.arm_actuators
+        most = np.where(m.actuator_ctrllimited[motors], m.actuator_ctrlrange[motors, 1], np.inf)
+        return most * np.abs(self.gear)
 
-    Everything is of planes, capsules and boxes, downloads nothing and loads in MJX too.
+    @cached_property
+    def of_arm(self) -> np.ndarray:
+        """Which geometries are the arm's, [ngeom]."""
+        names = {body.name for body in self.robot.model.bodies[1:]}
+        bodies = np.array([self.model.body(b).name in names for b in range(self.model.nbody)])
+        return bodies[self.model.geom_bodyid]
 
-    **Arguments**: `name`, one of `SCENES`; `T_world_object` [4, 4], where the object stands, the frame that the skill
-    speaks of (`Skill.T_world_object`), by default where the recorded demonstrations have it; `cylinder`, of
-    `drawer_obstacle` only, default `Cylinder()`.
-    **Raises** `UnknownNameError` for another name; `RigidTransformError`; `ConfigurationError` for a cylinder that
-    makes no sense there; `MissingDependencyError` without mujoco.
-    """
-    if name not in SCENES:
-        raise UnknownNameError("scene", name, SCENES)
-    if cylinder is not None and name != "drawer_obstacle":
-        raise ConfigurationError(f"scene {name!r} takes no cylinder: use 'drawer_obstacle'.")
-    if name == "drawer_obstacle":
-        cylinder = cylinder or Cylinder()
-        if not (cylinder.radius > 0 and cylinder.height > 2 * cylinder.radius):
-            raise ConfigurationError(f"{cylinder}: expected a positive radius and a height of more than twice that.")
-    door = name == "door"
-    T = _default_pose(door) if T_world_object is None else check_rigid(T_world_object)
-    spec, arm_names = _spec(name, T, cylinder)
-    robot, model = panda(), spec.compile()
-    joints = [model.joint(joint) for joint in robot.joint_names]
-    touching = np.flatnonzero((model.geom_conaffinity > 0) & (model.geom_contype == 0))
-    wanted = {"drawer_handle", "drawer_front"}
-    forbidden = [g for g in touching if model.geom(g).name not in wanted and model.geom(g).name not in arm_names]
-    return Scene(
-        name=name,
-        model=model,
-        robot=robot,
-        arm_qpos=np.array([j.qposadr[0] for j in joints]),
-        arm_dofs=np.array([j.dofadr[0] for j in joints]),
-        arm_actuators=np.arange(len(joints)),
-        arm_geoms=np.array([model.geom(n).id for n in arm_names]),
-        forbidden=np.array(forbidden),
-        T_world_object=T,
-        cylinder=cylinder,
-        joint=DOOR_JOINT if door else DRAWER_JOINT,
-        start=0.0 if door else OPENING,
-    )
+    @cached_property
+    def arm_geoms(self) -> np.ndarray:
+        """The arm's geometries."""
+        return np.flatnonzero(self.of_arm)
 
+    @cached_property
+    def forbidden(self) -> np.ndarray:
+        """The geometries that the arm can touch and must not."""
+        types, meets = self.model.geom_contype, self.model.geom_conaffinity
+        arm = self.arm_geoms
+        can = ((types[arm] & meets[:, None]) | (types[:, None] & meets[arm])).any(1) & ~self.of_arm
+        return np.array([g for g in np.flatnonzero(can) if self.model.geom(int(g)).name not in self.may_touch], int)
 
-def picture_model(place: Scene, meshes: str | os.PathLike | None = None) -> Any:
-    """The model of a scene as it is drawn: with the looks of Menagerie's Panda where they are at hand, else as it is.
+    @cached_property
+    def _forbidden(self) -> set[int]:
+        return set(self.forbidden.tolist())
 
-    States of one are states of the other. **Arguments**: `meshes`, the MJCF file, by default `panda_meshes()`.
-    **Raises** `RobotError` for a file that is not that.
-    """
-    meshes = meshes or panda_meshes()
-    if meshes is None:
-        return place.model
-    spec, _ = _spec(place.name, place.T_world_object, place.cylinder)
-    add_meshes(spec, meshes)
-    return spec.compile()
+    @cached_property
+    def _hand_is_site(self) -> bool:
+        return any(self.model.site(i).name == self.hand for i in range(self.model.nsite))
 
+    def _object_state(self, data: Any) -> tuple[np.ndarray, np.ndarray]:
+        """Position [3] and quaternion [4] of the object in a state, to be read or written."""
+        body = self.model.body(self.object)
+        if body.mocapid[0] >= 0:
+            return data.mocap_pos[body.mocapid[0]], data.mocap_quat[body.mocapid[0]]
+        first = self.model.jnt_qposadr[body.jntadr[0]]
+        return data.qpos[first : first + 3], data.qpos[first + 3 : first + 7]
 
-def _spec(name: str, T: np.ndarray, cylinder: Cylinder | None) -> tuple[Any, list[str]]:
-    """The editable model, and the names of the arm's geometries."""
-    spec = arm_spec()
-    arm = [g for body in spec.bodies[1:] for g in body.geoms]
-    for i, geom in enumerate(arm):
-        geom.name = geom.name or f"arm_{i}"
-    arm_names = [geom.name for geom in arm]
-    thing = add_object(spec, T)
-    if name == "door":
-        add_door(spec, thing)
-        add_camera(spec, T[:3, 3] + [-1.15, -0.95, 0.5], T[:3, 3] + [0.15, 0.1, -0.1])
-    else:
-        add_drawer(spec, thing)
-        add_camera(spec, T[:3, 3] + [0.75, 1.15, 0.75], T[:3, 3] + [-0.25, 0.15, 0.05])
-    if cylinder is not None:
-        _add_cylinder(spec, cylinder)
-    return spec, arm_names
+    def _compiled(self) -> Any:
+        mujoco, option = import_mujoco(), self.spec.option
+        option.timestep, option.integrator = 0.001, mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+        option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET  # a diverged state shall be seen
+        self.spec.visual.global_.offwidth, self.spec.visual.global_.offheight = 1280, 960
+        try:
+            return self.spec.compile()
+        except ValueError as error:
+            raise RobotError(f"scene {self.name!r}: MuJoCo cannot compile its model: {error}") from error
 
-
-def _default_pose(door: bool) -> np.ndarray:
-    T = np.eye(4)
-    T[:3, 3] = _DOOR_POSE if door else _DRAWER_POSE
-    if door:
-        c, s = np.cos(_DOOR_YAW), np.sin(_DOOR_YAW)
-        T[:2, :2] = [[c, -s], [s, c]]
-    return T
-
-
-def _add_cylinder(spec: Any, cylinder: Cylinder) -> None:
-    mujoco = import_mujoco()
-    body = spec.worldbody.add_body(name="cylinder", mocap=True)
-    r, h = cylinder.radius, cylinder.height
-    seen = {"rgba": [0.8, 0.3, 0.2, 1.0], "contype": 0, "conaffinity": 0}
-    body.add_geom(type=mujoco.mjtGeom.mjGEOM_CYLINDER, pos=[0, 0, h / 2], size=[r, h / 2, 0], **seen)
-    body.add_geom(
-        name="obstacle",
-        type=mujoco.mjtGeom.mjGEOM_CAPSULE,
-        fromto=[0, 0, r, 0, 0, h - r],
-        size=[r, 0, 0],
-        rgba=[0.8, 0.3, 0.2, 0.0],
-        contype=0,
-        conaffinity=1,
-    )
+    def _check(self) -> None:
+        mujoco, m = import_mujoco(), self.model
+        there = [m.joint(j).name for j in range(m.njnt)]
+        for name in (*self.robot.joint_names, *([self.joint] if self.joint else ())):
+            if name not in there:
+                raise UnknownNameError(f"joint of scene {self.name!r}", name, there)
+        for joint in self.robot.model.joints:
+            if joint.coordinate < 0 and joint.name in there:
+                raise RobotError(
+                    f"scene {self.name!r}: joint {joint.name!r} is locked in the robot and moves in the model. "
+                    "Delete it there, its body where it shall stay."
+                )
+        for name in self.robot.joint_names:
+            motors = [a for a in range(m.nu) if m.actuator_trnid[a, 0] == m.joint(name).id]
+            plain = (m.actuator_trntype, m.actuator_dyntype, m.actuator_gaintype, m.actuator_biastype)
+            if len(motors) != 1 or any(kind[motors[0]] for kind in plain):  # all of them 0: a plain motor of a joint
+                raise RobotError(
+                    f"scene {self.name!r}: joint {name!r} has no motor of its own, which physics needs to drive it: "
+                    f'<actuator><motor joint="{name}" ctrlrange="-50 50"/></actuator>, its range in N m.'
+                )
+        bodies = [m.body(b).name for b in range(m.nbody)]
+        if self.hand and not self._hand_is_site and self.hand not in bodies:
+            raise UnknownNameError(f"hand of scene {self.name!r}", self.hand, self.robot.frame_names)
+        geoms = [m.geom(g).name for g in range(m.ngeom)]
+        for name in self.may_touch:
+            if name not in geoms:
+                raise UnknownNameError(f"geometry of scene {self.name!r}", name, filter(None, geoms))
+        if not self.object:
+            return
+        if self.object not in bodies:
+            raise UnknownNameError(f"object of scene {self.name!r}", self.object, bodies)
+        body = m.body(self.object)
+        free = body.jntnum[0] == 1 and m.jnt_type[body.jntadr[0]] == mujoco.mjtJoint.mjJNT_FREE
+        if body.mocapid[0] < 0 and not free:
+            raise ConfigurationError(
+                f"scene {self.name!r}: the object {self.object!r} cannot be placed. Make it a mocap body "
+                '(mocap="true"), with all that stands with it below it, or give it a free joint.'
+            )
+        check_rigid(self.T_world_object)

@@ -60,7 +60,10 @@ def arrival(path: Rollout, tolerance: jax.Array | float = 0.01, rest_speed: jax.
 
 
 def warn_if_out_of_reach(path: Rollout, stacklevel: int = 2) -> Arrival:
-    """Issue a `GoalWarning` that names the goals that the arm has come to rest away from; not under `jax.jit`."""
+    """Issue a `GoalWarning` that names the goals that the arm came to rest away from on `path`; not under `jax.jit`.
+
+    `stacklevel` is `warnings.warn`'s. **Returns** what `arrival` does.
+    """
     found = arrival(path)
     missed = np.flatnonzero(found.out_of_reach)
     if missed.size:

@@ -51,7 +51,7 @@ def tracking_acceleration(qdd: Any, position_error: Any, velocity_error: Any, st
 
 
 def within_velocity_limits(qdd: Any, qd: Any, limit: Any, horizon: float = 0.01) -> Any:
-    """`qdd` [n] cut so that velocity, kept up for `horizon` seconds, stays within `limit` [n], rad/s.
+    """`qdd` [n] cut so that velocity `qd` [n], kept up for `horizon` seconds, stays within `limit` [n], rad/s.
 
     A joint beyond its limit is braked back to it within `horizon`.
     """
@@ -59,7 +59,7 @@ def within_velocity_limits(qdd: Any, qd: Any, limit: Any, horizon: float = 0.01)
 
 
 def arm_dynamics(model: Any, data: Any, dofs: np.ndarray) -> ArmDynamics:
-    """The dynamics of the joints `dofs` [n], by MuJoCo's own model, after `mj_step1` or `mj_forward` on `data`.
+    """The dynamics of the joints `dofs` [n], by MuJoCo's own `model`, after `mj_step1` or `mj_forward` on `data`.
 
     The other joints count as free to move on their own: right for an arm that stands apart from the furniture.
     """

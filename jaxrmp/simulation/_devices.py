@@ -10,7 +10,7 @@ from jax.sharding import Mesh, NamedSharding, PartitionSpec
 class Devices:
     """Devices that share batches of starts: the leading axis of every array is cut into equal parts, one a device.
 
-    By default all devices of this process. Starts do not depend on each other, so the devices never talk.
+    `devices`, by default all of this process. Starts do not depend on each other, so the devices never talk.
     """
 
     def __init__(self, devices: list[Any] | None = None):
@@ -22,11 +22,11 @@ class Devices:
         return self.mesh.size
 
     def split(self, batch: Any) -> Any:
-        """A pytree of arrays [B, ...], cut along the first axis."""
+        """`batch`, a pytree of arrays [B, ...], cut along the first axis."""
         return jax.device_put(batch, NamedSharding(self.mesh, PartitionSpec("starts")))
 
     def copied(self, values: Any) -> Any:
-        """A pytree of arrays, whole on every device; numbers in the precision of JAX."""
+        """`values`, a pytree of arrays, whole on every device; numbers in the precision of JAX."""
         return jax.device_put(jax.tree.map(np.asarray, values), NamedSharding(self.mesh, PartitionSpec()))
 
     def free_memory(self) -> int | None:

@@ -8,7 +8,7 @@ import numpy as np
 
 from .._errors import ConfigurationError, ShapeError
 from ._devices import Devices
-from ._judge import Status, StopCriteria, Track
+from ._judge import End, StopCriteria, Track
 
 _LEAST = 16  # starts: below it, a smaller batch is hardly faster, and is one more program to compile
 
@@ -47,7 +47,7 @@ class Outcomes(NamedTuple):
 
     @property
     def status(self) -> np.ndarray:
-        """`Status` of each, [N]."""
+        """`End` of each, [N]."""
         return np.asarray(self.track.status)
 
     def take(self, indices: np.ndarray) -> "Outcomes":
@@ -105,7 +105,7 @@ def simulate(
         state = engine.advance(state)
         if watch:
             watch(places, state)
-        done = (places >= 0) & (state.track.status != Status.RUNNING)
+        done = (places >= 0) & (state.track.status != End.RUNNING)
         if not done.any():
             continue
         last = Outcomes(state.q[done], state.qd[done], jax.tree.map(lambda a, done=done: a[done], state.track))

@@ -7,9 +7,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._tree import acceleration
 from ._devices import Devices
-from ._judge import Problem, Status, StopCriteria, Track, judge
+from ._judge import End, Problem, StopCriteria, Track, judged
+from ._step import Motion, command, euler
 
 
 class KinematicState(NamedTuple):
@@ -23,9 +23,6 @@ class KinematicState(NamedTuple):
 
 class KinematicEngine:
     """Semi-implicit Euler, `qd += dt qdd; q += dt qd`, on the devices of this process.
-
-    Positions are summed with what rounding cuts off (Kahan): in single precision a joint slower than 6e-5 rad/s would
-    not move at all in steps of a millisecond.
 
     **Arguments**: `problem`; `criteria`; `dt`, seconds; `chunk`, steps of one call; `every`, steps from one look at
     the clearance to the next, a divisor of `chunk`; `devices`, by default all of this process.
@@ -72,14 +69,11 @@ class KinematicEngine:
 def _advance(problem: Problem, state: KinematicState, criteria: StopCriteria, dt: float, chunk: int, every: int):
     def step(state: KinematicState, _):
         q, rest, qd, track = state
-        track = judge(problem, criteria, dt, track, q, qd, problem.tree.energy(q, qd))
-        faster = qd + dt * acceleration(problem.tree, q, qd)
-        moved = dt * faster + rest
-        further = q + moved
-        running = track.status == Status.RUNNING
-        ahead = (further, moved - (further - q), faster)
-        q, rest, qd = (jnp.where(running, new, old) for new, old in zip(ahead, (q, rest, qd), strict=True))
-        return KinematicState(q, rest, qd, track), None
+        asked = command(problem.tree, q, qd)
+        track = judged(problem, criteria, dt, track, q, qd, asked)
+        running, now = track.status == End.RUNNING, Motion(q, rest, qd)
+        ahead = euler(now, asked.qdd, dt)
+        return KinematicState(*jax.tree.map(partial(jnp.where, running), ahead, now), track=track), None
 
     def look(state: KinematicState, _):
         state, _ = jax.lax.scan(step, state, length=every)

@@ -10,11 +10,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._errors import MissingDependencyError
-from .._tree import acceleration
+from ..scenes import Scene
 from ._computed_torque import ArmDynamics, computed_torque, within_velocity_limits
 from ._devices import Devices
-from ._judge import Problem, Status, StopCriteria, Track, judge
-from ._physical_arm import PhysicalArm
+from ._judge import End, Problem, StopCriteria, Track, judged
+from ._step import command
 
 FAST_ON_CPU = "--xla_cpu_use_fusion_emitters=false"
 """What XLA_FLAGS must hold on a CPU before JAX is used: without it MJX takes some 200 times as long."""
@@ -44,7 +44,7 @@ class MjxEngine:
 
     def __init__(
         self,
-        arm: PhysicalArm,
+        scene: Scene,
         problem: Problem,
         criteria: StopCriteria,
         *,
@@ -53,20 +53,23 @@ class MjxEngine:
         devices: Devices | None = None,
     ):
         self._mjx = import_mjx()
-        self.arm, self.criteria, self.chunk, self.every = arm, criteria, chunk, every
-        self.dt = float(arm.model.opt.timestep)
+        self.scene, self.criteria, self.chunk, self.every = scene, criteria, chunk, every
+        self.dt = float(scene.model.opt.timestep)
         self.devices = devices or Devices()
         self._problem = self.devices.copied(problem)
-        self._model = self._mjx.put_model(arm.model)
-        self._template = self._mjx.make_data(arm.model)
+        self._model, first = self._mjx.put_model(scene.model), scene.fresh()
+        self._qpos, self._of_arm = np.array(first.qpos), jnp.asarray(scene.of_arm)
+        self._template = self._mjx.make_data(scene.model).replace(
+            mocap_pos=jnp.asarray(first.mocap_pos, jnp.float32), mocap_quat=jnp.asarray(first.mocap_quat, jnp.float32)
+        )
         self._advance = jax.jit(lambda problem, state: jax.vmap(lambda s: self._chunk(problem, s))(state))
 
     def begin(self, q: np.ndarray) -> MjxState:
         """States at rest at `q` [B, n]."""
         q = np.asarray(q, np.float32)
-        qpos = np.repeat(np.asarray(self.arm.qpos, np.float32)[None], len(q), axis=0)
-        qpos[:, self.arm.positions] = q
-        qvel = np.zeros((len(q), self.arm.model.nv), np.float32)
+        qpos = np.repeat(np.asarray(self._qpos, np.float32)[None], len(q), axis=0)
+        qpos[:, self.scene.arm_qpos] = q
+        qvel = np.zeros((len(q), self.scene.model.nv), np.float32)
         return MjxState(q, np.zeros_like(q), qpos, qvel, qvel.copy(), Track.fresh(len(q)))
 
     def advance(self, state: MjxState) -> MjxState:
@@ -75,7 +78,7 @@ class MjxEngine:
 
     def bytes_needed(self, batch: int) -> int:
         """Memory that one call with `batch` starts takes on each device."""
-        split = self.devices.split(self.begin(np.zeros((batch, len(self.arm.positions)))))
+        split = self.devices.split(self.begin(np.zeros((batch, self.scene.robot.num_joints))))
         needed = self._advance.lower(self._problem, split).compile().memory_analysis()
         return 0 if needed is None else needed.temp_size_in_bytes + needed.output_size_in_bytes
 
@@ -88,26 +91,33 @@ class MjxEngine:
         return jax.lax.scan(look, state, length=self.chunk // self.every)[0]
 
     def _step(self, problem: Problem, state: MjxState) -> MjxState:
-        mjx, model, arm = self._mjx, self._model, self.arm
+        mjx, model, scene = self._mjx, self._model, self.scene
         q, qd, track = state.q, state.qd, state.track
-        track = judge(problem, self.criteria, self.dt, track, q, qd, problem.tree.energy(q, qd))
-        velocity_limit, torque_limit = (jnp.asarray(a, q.dtype) for a in (arm.velocity_limit, arm.torque_limit))
-        qdd = within_velocity_limits(acceleration(problem.tree, q, qd), qd, velocity_limit)
+        asked = command(problem.tree, q, qd)
+        track = judged(problem, self.criteria, self.dt, track, q, qd, asked)
+        limits = scene.robot.velocity_limit, scene.torque_limit, scene.gear
+        velocity_limit, torque_limit, gear = (jnp.asarray(a, q.dtype) for a in limits)
+        qdd = within_velocity_limits(asked.qdd, qd, velocity_limit)
         data = self._template.replace(qpos=state.qpos, qvel=state.qvel, qacc_warmstart=state.warm)
         data = mjx.fwd_velocity(model, mjx.fwd_position(model, data))
-        dofs = arm.velocities
+        dofs = scene.arm_dofs
         bias = (data.qfrc_bias - data.qfrc_passive)[dofs]
         dynamics = ArmDynamics(mjx.full_m(model, data)[np.ix_(dofs, dofs)], bias)
         torque = computed_torque(dynamics, qdd, torque_limit).torque
-        contacts = jnp.sum(_contact_distances(data) < 0, dtype=jnp.int32)
-        ahead = self._finish_step(data.replace(ctrl=data.ctrl.at[arm.actuators].set(torque)))
-        running = track.status == Status.RUNNING
+        contacts = self._contacts(data)
+        ahead = self._finish_step(data.replace(ctrl=data.ctrl.at[scene.arm_actuators].set(torque / gear)))
+        running = track.status == End.RUNNING
         track = track._replace(
             touching=jnp.where(running, contacts, track.touching), touched=track.touched + (running & (contacts > 0))
         )
-        new = (ahead.qpos[arm.positions], ahead.qvel[dofs], ahead.qpos, ahead.qvel, ahead.qacc_warmstart)
+        new = (ahead.qpos[scene.arm_qpos], ahead.qvel[dofs], ahead.qpos, ahead.qvel, ahead.qacc_warmstart)
         q, qd, qpos, qvel, warm = (jnp.where(running, a, b) for a, b in zip(new, state[:-1], strict=True))
         return MjxState(q, qd, qpos, qvel, warm, track)
+
+    def _contacts(self, data: Any) -> jax.Array:
+        """How many contacts the arm has."""
+        contact = getattr(data, "_impl", data).contact
+        return jnp.sum((contact.dist < 0) & self._of_arm[contact.geom].any(-1), dtype=jnp.int32)
 
     def _finish_step(self, data: Any) -> Any:
         """What `mjx.step` does after `fwd_velocity`, for the implicitfast integrator."""
@@ -130,8 +140,3 @@ def import_mjx() -> Any:
     finally:
         logging.disable(level)
     return mjx
-
-
-def _contact_distances(data: Any) -> jax.Array:
-    contact = getattr(data, "_impl", data).contact
-    return contact.dist

@@ -1,9 +1,8 @@
-"""When a rollout has ended, and what is kept of it on the way: a few numbers a start, no trajectory."""
+"""When a simulation has ended and how, kinematic or in physics, and what is kept of it on the way: a few numbers."""
 
 import dataclasses
 import enum
-import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -15,38 +14,47 @@ from .._task_map import TaskMap
 from .._tree import Node
 
 
-class Status(enum.IntEnum):
-    """How it stands with one start. Whether a rest is a stop at a joint limit is found afterwards, from its end."""
+class End(enum.IntEnum):
+    """How it stands with one start, or came to stand.
+
+    The judge tells of a rest only that it is one (`RESTING`); `evaluation.classify_ends` says afterwards what holds the
+    arm: a joint limit that pushes, a contact, or neither, away from the goal. `TOUCHED` ends a trial of `run_trials`.
+    """
 
     RUNNING = 0
     CONVERGED = 1
-    RESTING = 2
-    DIVERGED = 3
-    TIMED_OUT = 4
+    STOPPED_AT_LIMIT = 2
+    HELD_BY_CONTACT = 3
+    SPURIOUS = 4
+    UNFINISHED = 5
+    DIVERGED = 6
+    RESTING = 7
+    TOUCHED = 8
 
 
 @pytree
 class StopCriteria:
-    """When a rollout ends.
+    """When a simulation ends; infinite for never.
 
     Converged: every control point within `tolerance` (m) of its target, and no joint faster than `settled` (rad/s or
-    m/s). Resting: no joint faster than `rest` for `rest_seconds`. Diverged: a number that is not finite, or a joint
-    faster than `top_speed`. Timed out: none of these after `duration` seconds.
+    m/s); in `run_trials`, what the scene says. Resting: no joint faster than `rest` for `rest_seconds`. Diverged: a
+    number that is not finite, or a joint faster than `top_speed`, one for all or [n]. Unfinished: none of these after
+    `duration` seconds.
 
-    **Raises** `ConfigurationError` for a value that is not a positive number.
+    **Raises** `ConfigurationError` for a value that is not positive.
     """
 
     tolerance: float = 0.01
     settled: float = 0.05
     rest: float = 2e-4
     rest_seconds: float = 1.0
-    top_speed: float = 1e3
+    top_speed: Any = 1e3
     duration: float = 120.0
 
     def __post_init__(self):
         for field in dataclasses.fields(self):
             value = getattr(self, field.name)
-            if not (isinstance(value, int | float) and 0 < value < math.inf):
+            if not np.all(np.asarray(value) > 0):
                 raise ConfigurationError(f"{field.name} is {value!r}, expected a positive number.")
 
 
@@ -71,6 +79,10 @@ class Problem:
         square = jnp.sum(self.points(q) ** 2, axis=-1)
         return jnp.sqrt(jnp.max(square))
 
+    def there(self, criteria: StopCriteria, q: jax.Array, qd: jax.Array) -> jax.Array:
+        """Whether a state counts as at the goal."""
+        return (self.goal_error(q) < criteria.tolerance) & (jnp.max(jnp.abs(qd)) < criteria.settled)
+
     def clearance(self, q: jax.Array) -> jax.Array:
         """The least of all distances, m; infinite where none is watched."""
         least = jnp.full((), jnp.inf, q.dtype)
@@ -80,12 +92,12 @@ class Problem:
 
 
 class Track(NamedTuple):
-    """What is kept of a rollout; scalars for one start, [B] for a batch.
+    """What is kept of a simulation; scalars for one start, [B] for a batch.
 
-    `status`; `steps` taken; `still`, steps at rest so far; `energy` V at the start; `least`, the least V so far;
-    `rise`, the largest rise of V above its least value before; `speed`, the fastest joint speed; `margin`, the
+    `status`, an `End`; `steps` taken; `still`, steps at rest so far; `energy` V at the start; `least`, the least V so
+    far; `rise`, the largest rise of V above its least value before; `speed`, the fastest joint speed; `margin`, the
     smallest distance of a joint to its limits; `clearance`, the smallest there was, m; `touching`, how many contacts
-    there are in physics, and `touched`, in how many steps there were some.
+    the arm has in physics, and `touched`, in how many steps there were some.
     """
 
     status: jax.Array
@@ -108,39 +120,58 @@ class Track(NamedTuple):
         return cls(zeros, zeros, zeros, floats, far, floats, floats, far, far, zeros, zeros)
 
 
-def judge(
-    problem: Problem, criteria: StopCriteria, dt: float, track: Track, q: jax.Array, qd: jax.Array, energy: jax.Array
-) -> Track:
+class Seen(NamedTuple):
+    """What the judge is told of one state.
+
+    `q`, `qd` [n]; `energy` V and `qdd` [n] of the policy there; `margin`, the least distance of a joint to its limits;
+    `there`, whether it counts as at the goal; `touched`, whether something was touched that ends it.
+    """
+
+    q: jax.Array
+    qd: jax.Array
+    energy: jax.Array
+    qdd: jax.Array
+    margin: jax.Array
+    there: jax.Array
+    touched: jax.Array | bool = False
+
+
+def margin(q: jax.Array, lower: jax.Array, upper: jax.Array) -> jax.Array:
+    """The least distance of a joint to its limits, negative beyond them."""
+    return jnp.min(jnp.minimum(q - lower, upper - q))
+
+
+def judge(criteria: StopCriteria, dt: float, track: Track, state: Seen) -> Track:
     """Take one state of one start into account; a start that has ended stays as it was.
 
-    **Arguments**: `track`, what is kept so far; `q`, `qd` [n], the state; `energy`, its V; `dt`, seconds a step.
-    **Returns** the new `Track`, whose `status` says whether the rollout ends in this state.
+    **Arguments**: `track`, what is kept so far; `dt`, seconds a step.
+    **Returns** the new `Track`, whose `status` says whether the simulation ends in this state.
     """
+    q, qd, energy = state.q, state.qd, state.energy
     speed = jnp.max(jnp.abs(qd))
-    margin = jnp.min(jnp.minimum(q - problem.lower, problem.upper - q))
     still = jnp.where(speed < criteria.rest, track.still + 1, 0)
-    finite = jnp.isfinite(energy) & jnp.all(jnp.isfinite(q)) & (speed < criteria.top_speed)
-    status = jnp.where(track.steps >= jnp.round(criteria.duration / dt), Status.TIMED_OUT, Status.RUNNING)
-    status = jnp.where(still * dt >= criteria.rest_seconds, Status.RESTING, status)
-    there = (problem.goal_error(q) < criteria.tolerance) & (speed < criteria.settled) & (track.steps > 0)
-    status = jnp.where(there, Status.CONVERGED, status)
-    status = jnp.where(finite, status, Status.DIVERGED).astype(jnp.int32)
-    least = jnp.minimum(track.least, energy)
+    finite = jnp.isfinite(energy) & jnp.all(jnp.isfinite(q)) & jnp.all(jnp.isfinite(state.qdd))
+    finite = finite & jnp.all(jnp.abs(qd) < criteria.top_speed)
+    status = jnp.where(track.steps >= jnp.round(criteria.duration / dt), End.UNFINISHED, End.RUNNING)
+    status = jnp.where(still * dt >= criteria.rest_seconds, End.RESTING, status)
+    status = jnp.where(state.there & (track.steps > 0), End.CONVERGED, status)
+    status = jnp.where(state.touched, End.TOUCHED, status)
+    status = jnp.where(finite, status, End.DIVERGED).astype(jnp.int32)
     seen = Track(
         status=status,
-        steps=track.steps + (status == Status.RUNNING),
+        steps=track.steps + (status == End.RUNNING),
         still=still,
         energy=jnp.where(track.steps == 0, energy, track.energy),
-        least=least,
+        least=jnp.minimum(track.least, energy),
         rise=jnp.maximum(track.rise, jnp.where(track.steps == 0, 0, energy - track.least)),
         speed=jnp.maximum(track.speed, speed),
-        margin=jnp.minimum(track.margin, margin),
+        margin=jnp.minimum(track.margin, state.margin),
         clearance=track.clearance,
         touching=track.touching,
         touched=track.touched,
     )
-    ended = track.status != Status.RUNNING
-    diverged = status == Status.DIVERGED
+    ended = track.status != End.RUNNING
+    diverged = status == End.DIVERGED
     kept = track._replace(status=seen.status)  # of a state that is not finite, only that it came
     return Track(
         *(
@@ -148,3 +179,9 @@ def judge(
             for old, last, new in zip(track, kept, seen, strict=True)
         )
     )
+
+
+def judged(problem: Problem, criteria: StopCriteria, dt: float, track: Track, q: jax.Array, qd: jax.Array, of: Any):
+    """`judge` by the goal of a `problem`, at a state `q`, `qd` [n] where the policy gives the command `of`."""
+    near = margin(q, problem.lower, problem.upper)
+    return judge(criteria, dt, track, Seen(q, qd, of.energy, of.qdd, near, problem.there(criteria, q, qd)))

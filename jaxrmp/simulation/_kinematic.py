@@ -11,11 +11,12 @@ from jax.core import Tracer
 
 from .._errors import ConfigurationError, RolloutError, ShapeError
 from .._forms import Method
-from .._tree import Node, acceleration
+from .._tree import Node
 from ..inspection import goals
 from ._arrival import warn_if_out_of_reach
 from ._rollout import Rollout
 from ._stable_step import StiffnessWarning, warn_if_stiff
+from ._step import Motion, command, euler
 
 _STATES_CHECKED = 8
 
@@ -31,14 +32,15 @@ def rollout(
     method: Method = "cholesky",
     warn: bool = True,
 ) -> Rollout:
-    """Roll a policy out from one state by semi-implicit Euler: `qd += dt qdd; q += dt qd`.
+    """Roll a policy out from one state by semi-implicit Euler: `qd += dt qdd; q += dt qd`, summed with what rounding
+    cuts off, so that slow joints move in single precision too.
 
     **Arguments**: `tree`, a node on joint space; `q` [n], rad or m; `qd` [n], per second, default rest; `duration` and
-    `dt`, seconds; `substeps`, policy evaluations per recorded step of `dt`; `warn`, whether a call with numbers checks
-    what it has done: it issues a `StiffnessWarning` that gives the stable step if `dt` is too long for the policy, at
-    the start or at states on the way (`warn_if_stiff`, which compiles the policy once more), and a `GoalWarning` if
-    the arm came to rest away from a goal. Under `jit`, `vmap` and `grad` there are no numbers to check: `gap` is in
-    the result, `arrival(path)` judges it, and `warn_if_stiff` checks a step beforehand.
+    `dt`, seconds; `substeps`, policy evaluations per recorded step of `dt`; `method`, see `resolve`; `warn`, whether a
+    call with numbers checks what it has done: it issues a `StiffnessWarning` that gives the stable step if `dt` is too
+    long for the policy, at the start or at states on the way (`warn_if_stiff`, which compiles the policy once more),
+    and a `GoalWarning` if the arm came to rest away from a goal. Under `jit`, `vmap` and `grad` there are no numbers to
+    check: `gap` is in the result, `arrival(path)` judges it, and `warn_if_stiff` checks a step beforehand.
     **Raises** `ConfigurationError` for times that make no sense, `ShapeError` for shapes that do not fit.
     **Returns** a `Rollout` with `T = round(duration / dt) + 1`. One compiled loop under `jax.jit`; `vmap` over starts.
     Gradients with respect to the tree's parameters go through it; they keep the states, not what made them.
@@ -62,16 +64,14 @@ def rollout(
     # For gradients, a step is computed again rather than kept: a fortieth of the memory, and faster (on a CPU).
     @partial(jax.checkpoint, prevent_cse=False)
     def advance(state, _):
-        q, qd = state
-        qd = qd + h * acceleration(tree, q, qd, method)
-        return (q + h * qd, qd), None
+        return euler(state, command(tree, state.q, state.qd, method).qdd, h), None
 
     def record(state, _):
-        seen = (*state, tree.energy(*state), goals(tree, state[0]))
+        seen = (state.q, state.qd, tree.energy(state.q, state.qd), goals(tree, state.q))
         return jax.lax.scan(advance, state, length=substeps)[0], seen
 
     steps = round(duration / dt) + 1
-    _, (q_all, qd_all, energy, left) = jax.lax.scan(record, (q, qd), length=steps)
+    _, (q_all, qd_all, energy, left) = jax.lax.scan(record, Motion(q, jnp.zeros_like(q), qd), length=steps)
     path = Rollout(dt * jnp.arange(steps, dtype=q.dtype), q_all, qd_all, energy, left.gap, left.names)
     if warn and not isinstance(path.q, Tracer):
         _check(tree, path, h, method)

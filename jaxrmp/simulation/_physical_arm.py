@@ -1,62 +1,75 @@
-"""An arm in a MuJoCo model, with what an engine of many rollouts needs of it."""
+"""Arms in native MuJoCo, a millisecond at a time: one call of the policy for all of them, then a step of each."""
 
-from typing import Any, NamedTuple
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 
-from ..kinematics import Robot, panda
 from ..kinematics._mujoco import import_mujoco
 from ..scenes import Scene
-from ..scenes._parts import arm_spec
+from ._computed_torque import arm_dynamics, computed_torque, within_velocity_limits
+from ._judge import End, Track
 
 
-class PhysicalArm(NamedTuple):
-    """`model`, a `mujoco.MjModel`; `robot`, the arm in it, of n joints; `positions`, `velocities`, `actuators`, where
-    they are in `qpos`, `qvel` and `ctrl`; `qpos` [nq], of everything at the start, the arm aside; `torque_limit`,
-    `velocity_limit` [n]."""
+class PhysicalArm:
+    """An arm in a scene, driven by accelerations: computed torque within velocity and torque limits.
 
-    model: Any
-    robot: Robot
-    positions: np.ndarray
-    velocities: np.ndarray
-    actuators: np.ndarray
-    qpos: np.ndarray
-    torque_limit: np.ndarray
-    velocity_limit: np.ndarray
+    `data`, its `mujoco.MjData`; `touching`, how many contacts it had in the last step; `torque` [n], what drove it, N
+    m, and `cut` [n], which of it a limit cut.
+    """
 
-    def data(self) -> Any:
-        """A new `mujoco.MjData`, everything where it is at the start."""
-        data = import_mujoco().MjData(self.model)
-        data.qpos[:] = self.qpos
-        return data
+    def __init__(self, scene: Scene, data: Any):
+        self._mujoco = import_mujoco()
+        self.scene, self.data, self.touching = scene, data, 0
+        n = scene.robot.num_joints
+        self.torque, self.cut = np.zeros(n), np.zeros(n, bool)
+        self._limit, self._speed_limit = scene.torque_limit, np.asarray(scene.robot.velocity_limit, float)
+        self._places = scene.arm_qpos, scene.arm_dofs, scene.arm_actuators, scene.gear
+
+    def state(self) -> tuple[np.ndarray, np.ndarray]:
+        """Joint positions and velocities [n] that the policy acts on."""
+        return self.data.qpos[self._places[0]], self.data.qvel[self._places[1]]
+
+    def sense(self) -> None:
+        """Bring the world up to date before the policy is called."""
+        self._mujoco.mj_step1(self.scene.model, self.data)
+
+    def act(self, qdd: np.ndarray) -> None:
+        """One step with the joint accelerations [n] that the policy asks for."""
+        self.drive(within_velocity_limits(qdd, self.data.qvel[self._places[1]], self._speed_limit))
+
+    def drive(self, qdd: np.ndarray) -> None:
+        """One step with the torques that give these accelerations [n], cut at the torque limits."""
+        model, data = self.scene.model, self.data
+        _, dofs, actuators, gear = self._places
+        self.torque, self.cut = computed_torque(arm_dynamics(model, data, dofs), qdd, self._limit)
+        data.ctrl[actuators] = self.torque / gear
+        self.touching = int(self.scene.of_arm[data.contact.geom].any(1).sum()) if data.ncon else 0
+        self._mujoco.mj_step2(model, data)
 
 
-def arm_alone() -> PhysicalArm:
-    """The built-in Panda with nothing around it but its own base."""
-    spec = arm_spec()
-    spec.delete(spec.geom("floor"))
-    robot = panda()
-    model = spec.compile()
-    return _arm(model, robot, np.array(model.qpos0))
+def step_all(
+    arms: Sequence[PhysicalArm],
+    track: Track,
+    q: np.ndarray,
+    qd: np.ndarray,
+    command: Callable[[Track, np.ndarray, np.ndarray], tuple[Any, Track]],
+) -> Track:
+    """One millisecond of all arms that have not ended.
 
-
-def arm_in_scene(scene: Scene) -> PhysicalArm:
-    """The arm of a scene, the furniture where it stands at first."""
-    qpos = np.array(scene.model.qpos0)
-    qpos[scene.model.joint(scene.joint).qposadr[0]] = scene.start
-    return _arm(scene.model, scene.robot, qpos)
-
-
-def _arm(model: Any, robot: Robot, qpos: np.ndarray) -> PhysicalArm:
-    joints = [model.joint(name) for name in robot.joint_names]
-    actuators = np.arange(len(joints))
-    return PhysicalArm(
-        model=model,
-        robot=robot,
-        positions=np.array([j.qposadr[0] for j in joints]),
-        velocities=np.array([j.dofadr[0] for j in joints]),
-        actuators=actuators,
-        qpos=qpos,
-        torque_limit=np.array(model.actuator_ctrlrange[actuators, 1]),
-        velocity_limit=np.asarray(robot.velocity_limit, float),
-    )
+    **Arguments**: `arms`, B of them; `track`, of them all; `q`, `qd` [B, n], what the policy acts on, which this
+    updates; `command`, the one call a millisecond: from all that to the accelerations [B, n] and the new track, by the
+    judge.
+    **Returns** the new track.
+    """
+    for i in np.flatnonzero(track.status == End.RUNNING).tolist():
+        arms[i].sense()
+    qdd, seen = command(track, q, qd)
+    qdd = np.asarray(qdd, float)
+    track = Track(*(np.array(part) for part in seen))
+    for i in np.flatnonzero(track.status == End.RUNNING).tolist():
+        arms[i].act(qdd[i])
+        q[i], qd[i] = arms[i].state()
+        track.touching[i] = arms[i].touching
+        track.touched[i] += arms[i].touching > 0
+    return track

@@ -1,4 +1,4 @@
-"""Many trials in native MuJoCo at 1 kHz, with one compiled call of the policy for all of them a millisecond."""
+"""Many trials in native MuJoCo at 1 kHz, judged by their scene's rules."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -8,11 +8,13 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._errors import ConfigurationError, UnknownNameError
-from .._tree import acceleration
 from ..scenes import Scene
-from ._live_trial import INTERFACES, LiveTrial
+from ._judge import End, Seen, StopCriteria, Track, judge, margin
+from ._live_trial import DIVERGED, INTERFACES, LiveTrial
+from ._physical_arm import step_all
+from ._step import command
 from ._tracker import TrackerSettings
-from ._trials import Criteria, Run, Trial
+from ._trials import Run, Trial
 from ._zero_order_hold import learned_forms, with_held
 
 
@@ -21,7 +23,8 @@ def run_trials(
     policy: Any,
     trials: Sequence[Trial],
     *,
-    criteria: Criteria | None = None,
+    limit: float = 30.0,
+    hold: float = 1.0,
     tracker: TrackerSettings | None = None,
     interface: str = "torque",
     learned_rate: float | None = None,
@@ -32,53 +35,56 @@ def run_trials(
     """Run a policy in physics from many starts.
 
     Every millisecond: the object's pose from the tracker, joint accelerations from the policy, cut at the velocity
-    limits, torques from them cut at the torque limits, one step of MuJoCo. Trials that are over drop out.
+    limits, torques from them cut at the torque limits, one step of MuJoCo. Trials that are over drop out: at the
+    scene's goal, which is looked at every 10 ms, when something is touched that must not be, diverged, or unfinished.
 
-    **Arguments**: `policy`, a pytree with a method `tree(T_world_object, world)`, such as `ScenePolicy`; `criteria`,
-    by default the drawer's; `tracker`, None if the object's true pose is known at all times; `interface`: "torque",
-    computed torque; "velocity" or "position", the policy's accelerations integrated to commands that a loop of torques
-    follows, as inside an arm; `learned_rate`, Hz, at which learned leaves are evaluated and held in between, None for
-    every millisecond; `seed`, of the tracker's noise; `first`, the number of the first trial, so that a
-    single one can be replayed with its own noise; `progress`, called with the share of simulated time.
+    **Arguments**: `policy`, a pytree with a method `tree(T_world_object, world)`, as `policies.ArmPolicy`; `limit`, s,
+    that a trial may take; `hold`, s, for which the goal must be held; `tracker`, None if the object's true pose is
+    known at all times; `interface`: "torque", computed torque; "velocity" or "position", the policy's accelerations
+    integrated to commands that a loop of torques follows, as inside an arm; `learned_rate`, Hz, at which learned leaves
+    are evaluated and held in between, None for every millisecond; `seed`, of the tracker's noise; `first`, the number
+    of the first trial, so that a single one can be replayed with its own noise; `progress`, called with the share of
+    simulated time.
     **Returns** a `Run`.
-    **Raises** `ConfigurationError` for no trials, a start in collision, a door without `criteria.T_object_wrist`, or a
-    rate that does not fit; `UnknownNameError` for another interface.
+    **Raises** `ConfigurationError` for no trials, a start in collision, a scene that lacks what its goal needs, or a
+    time or rate that does not fit; `UnknownNameError` for another interface.
     """
     if interface not in INTERFACES:
         raise UnknownNameError("interface", interface, INTERFACES)
     if not trials:
         raise ConfigurationError("there are no trials to run: give at least one.")
-    criteria = criteria or Criteria()
-    if scene.name == "door" and criteria.T_object_wrist is None:
-        raise ConfigurationError("scene 'door' needs criteria.T_object_wrist, the wrist's pose that counts as there.")
-    dt = scene.model.opt.timestep
+    for name, value in (("limit", limit), ("hold", hold)):
+        if not 0 < value < np.inf:
+            raise ConfigurationError(f"{name} is {value!r}, expected a positive number.")
+    scene.left(scene.fresh())  # says what the scene lacks, if anything
+    dt = float(scene.model.opt.timestep)
     every = 1 if learned_rate is None else round(1.0 / (learned_rate * dt)) if 0 < learned_rate <= 1.0 / dt else 0
     if every < 1:
         raise ConfigurationError(f"learned_rate is {learned_rate!r}, expected Hz, above 0 and at most {1 / dt:g}.")
-    live = [LiveTrial(scene, trial, criteria, tracker, interface, (seed, first + k)) for k, trial in enumerate(trials)]
+    live = [LiveTrial(scene, trial, hold, tracker, interface, (seed, first + k)) for k, trial in enumerate(trials)]
     worlds: Any = jax.tree.map(lambda *a: jnp.stack(a), *(_obstacles(trial) for trial in live))
-    q, qd = (np.zeros((len(live), scene.robot.num_joints), np.float32) for _ in range(2))
-    T = np.zeros((len(live), 4, 4), np.float32)
+    fast = DIVERGED * np.asarray(scene.robot.velocity_limit, np.float32)
+    criteria = StopCriteria(rest_seconds=np.inf, top_speed=fast, duration=limit)
+    limits = np.asarray(scene.robot.lower, np.float32), np.asarray(scene.robot.upper, np.float32)
+    q, qd = (np.array(part, np.float32) for part in zip(*(trial.state() for trial in live), strict=True))
     forms: Any = None
-    steps = round(criteria.limit / dt)
-    for step in range(steps):
-        under_way = [i for i, trial in enumerate(live) if trial.outcome is None]
-        if not under_way:
-            break
-        for i in under_way:
-            q[i], qd[i] = live[i].sense()
-            T[i] = live[i].T_seen
-        if learned_rate is None:
-            qdd = _command(policy, T, worlds, q, qd)
-        else:
-            forms = _learned(policy, T, worlds, q, qd) if step % every == 0 else forms
-            qdd = _command_held(policy, forms, T, worlds, q, qd)
-        qdd = np.asarray(qdd, float)
-        for i in under_way:
-            live[i].act(qdd[i])
+
+    def judge_and_command(track, q, qd):
+        nonlocal forms
+        T = np.array([trial.T_seen for trial in live], np.float32)
+        if learned_rate is not None and step % every == 0:
+            forms = _learned(policy, T, worlds, q, qd)
+        ends = np.array([trial.there for trial in live]), np.array([bool(trial.touched) for trial in live])
+        return _command(policy, forms, T, worlds, q, qd, track, ends, criteria, limits, dt)
+
+    track, step = Track.fresh(len(live)), 0
+    while (track.status == End.RUNNING).any():
+        track = step_all(live, track, q, qd, judge_and_command)
         if progress is not None and step % 100 == 0:
-            progress(step / steps)
-    return Run(scene, tuple(trials), tuple(t.outcome for t in live if t.outcome), tuple(t.trace() for t in live))
+            progress(min(step * dt / limit, 1.0))
+        step += 1
+    outcomes = tuple(trial.outcome(End(int(end))) for trial, end in zip(live, track.status, strict=True))
+    return Run(scene, tuple(trials), outcomes, tuple(trial.trace() for trial in live))
 
 
 def _obstacles(trial: LiveTrial) -> Any:
@@ -90,17 +96,16 @@ def _single(a: Any) -> Any:
 
 
 @jax.jit
-def _command(policy, T, worlds, q, qd):
-    return jax.vmap(lambda T, world, q, qd: acceleration(policy.tree(T, world), q, qd))(T, worlds, q, qd)
+def _command(policy, forms, T, worlds, q, qd, track, ends, criteria, limits, dt):
+    def one(forms, T, world, q, qd, track, ends):
+        tree = policy.tree(T, world)
+        asked = command(tree if forms is None else with_held(tree, forms), q, qd)
+        seen = Seen(q, qd, asked.energy, asked.qdd, margin(q, *limits), *ends)
+        return asked.qdd, judge(criteria, dt, track, seen)
+
+    return jax.vmap(one)(forms, T, worlds, q, qd, track, ends)
 
 
 @jax.jit
 def _learned(policy, T, worlds, q, qd):
     return jax.vmap(lambda T, world, q, qd: learned_forms(policy.tree(T, world), q, qd))(T, worlds, q, qd)
-
-
-@jax.jit
-def _command_held(policy, forms, T, worlds, q, qd):
-    return jax.vmap(lambda forms, T, world, q, qd: acceleration(with_held(policy.tree(T, world), forms), q, qd))(
-        forms, T, worlds, q, qd
-    )

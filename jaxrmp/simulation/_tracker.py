@@ -3,15 +3,16 @@
 A state machine without hidden state: the same settings, seed and true poses give the same observations.
 """
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from .._errors import ConfigurationError
+from .._ranges import BelowOne, NonNegative, Positive, settings
+from .._rotations import rotation_of_vector
 
 
-@dataclass(frozen=True)
+@settings("tracker")
 class TrackerSettings:
     """What the tracker is like.
 
@@ -29,31 +30,22 @@ class TrackerSettings:
     **Raises** `ConfigurationError` for a value that makes no sense.
     """
 
-    rate: float = 30.0
-    jitter: tuple[float, float] = (0.0006, 0.0009)
-    drift: tuple[float, float] = (0.0017, 0.0068)
-    drift_time: float = 2.0
-    bias: float = 0.0
-    delay: float = 0.0
-    dropouts: float = 0.0
+    rate: Positive[float] = 30.0
+    jitter: NonNegative[tuple[float, float]] = (0.0006, 0.0009)
+    drift: NonNegative[tuple[float, float]] = (0.0017, 0.0068)
+    drift_time: Positive[float] = 2.0
+    bias: NonNegative[float] = 0.0
+    delay: NonNegative[float] = 0.0
+    dropouts: BelowOne[NonNegative[float]] = 0.0
     silent_after: float = np.inf
-    keep: float = 0.5
+    keep: Positive[float] = 0.5
 
     def __post_init__(self):
-        for name in ("rate", "drift_time", "keep"):
-            if not 0 < getattr(self, name) < np.inf:
-                raise ConfigurationError(f"tracker {name} is {getattr(self, name)!r}, expected a positive number.")
         for name in ("jitter", "drift"):
-            value = getattr(self, name)
-            if len(value) != 2 or not all(0 <= v < np.inf for v in value):
-                raise ConfigurationError(f"tracker {name} is {value!r}, expected (metres, radians), not negative.")
-        for name in ("bias", "delay"):
-            if not 0 <= getattr(self, name) < np.inf:
-                raise ConfigurationError(f"tracker {name} is {getattr(self, name)!r}, expected no negative number.")
-        if not 0 <= self.dropouts < 1:
-            raise ConfigurationError(f"tracker dropouts is {self.dropouts!r}, expected a share in [0, 1).")
+            if len(getattr(self, name)) != 2:
+                raise ConfigurationError(f"tracker.{name} is {getattr(self, name)!r}, expected (metres, radians).")
         if not self.silent_after >= 0:
-            raise ConfigurationError(f"tracker silent_after is {self.silent_after!r}, expected seconds.")
+            raise ConfigurationError(f"tracker.silent_after is {self.silent_after!r}, expected seconds.")
 
 
 PERFECT = TrackerSettings(jitter=(0.0, 0.0), drift=(0.0, 0.0))
@@ -76,7 +68,10 @@ class TrackerState(NamedTuple):
 
 
 def start_tracker(settings: TrackerSettings, seed: tuple[int, ...], T: np.ndarray) -> TrackerState:
-    """A tracker that has been running before the start: the object at pose `T` [4, 4] has just been seen."""
+    """A tracker that has been running before the start: the object at pose `T` [4, 4] has just been seen.
+
+    **Arguments**: `settings`; `seed`, integers, of all its noise.
+    """
     rng = np.random.default_rng([*seed, 0])
     drift = rng.normal(size=6) * _scales(settings.drift)
     drift[:3] += rng.normal(size=3) * settings.bias
@@ -87,7 +82,7 @@ def observe(settings: TrackerSettings, state: TrackerState, time: float, T: np.n
     """Let the tracker look at the object at pose `T` [4, 4] at `time`, s; to be called at least once a frame.
 
     At the time of a frame it takes one, unless that drops out or the tracker is silent; frames older than the delay
-    arrive.
+    arrive. `settings`, as at its start; `state`, what it was; **returns** what it is now.
     """
     seen, stamp, frame, drift, on_the_way, seed = state
     if time >= frame / settings.rate - 1e-9:
@@ -126,14 +121,6 @@ def _constant(settings: TrackerSettings, seed: tuple[int, ...]) -> np.ndarray:
 def _noisy(settings: TrackerSettings, T: np.ndarray, drift: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     error = drift + rng.normal(size=6) * _scales(settings.jitter)
     seen = np.array(T, float)
-    seen[:3, :3] = seen[:3, :3] @ rotation(error[3:])
+    seen[:3, :3] = seen[:3, :3] @ rotation_of_vector(error[3:])
     seen[:3, 3] += error[:3]
     return seen
-
-
-def rotation(turn: np.ndarray) -> np.ndarray:
-    """The rotation matrix of a rotation vector [3], rad (Rodrigues)."""
-    angle = np.linalg.norm(turn)
-    x, y, z = turn / max(angle, 1e-12)
-    K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * K @ K

@@ -1,11 +1,13 @@
 """What a trial in physics is: how it begins, what happens to it, how it ends."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from .._errors import ConfigurationError
+from ..scenes._parts import moved
+from ._judge import End
 
 
 class Displacement(NamedTuple):
@@ -26,61 +28,30 @@ class Displacement(NamedTuple):
         return moved(T, share * np.asarray(self.offset, float), share * self.yaw)
 
 
-def moved(T: np.ndarray, offset: np.ndarray, yaw: float) -> np.ndarray:
-    """A pose [4, 4] moved by `offset` [3], m, in the world, and turned by `yaw`, rad, about the vertical through it."""
-    c, s = np.cos(yaw), np.sin(yaw)
-    there = np.array(T, float)
-    there[:3, :3] = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) @ there[:3, :3]
-    there[:3, 3] += offset
-    return there
-
-
 class Trial(NamedTuple):
     """How one trial begins, and what happens on the way.
 
-    `q` [n], rad; `T_world_object` [4, 4]; `displacement`; `cylinder`, where it stands in the object's frame, m, None
-    for the scene's own place.
+    `q` [n], rad; `T_world_object` [4, 4]; `displacement`; `changes`, what of the scene is different in this trial:
+    values of its fields by name.
     """
 
     q: np.ndarray
     T_world_object: np.ndarray
     displacement: Displacement | None = None
-    cylinder: tuple[float, float] | None = None
-
-
-@dataclass(frozen=True)
-class Criteria:
-    """When a trial has succeeded, and when it is over.
-
-    The drawer: open by at most `closed`, m. The door: the gripper's centre within `position`, m, and the wrist within
-    `angle`, rad, of `T_object_wrist` [4, 4], the demonstrated pose of `panda_hand_tcp` in the object's frame, at less
-    than `speed`, m/s. Either for `hold` seconds on end, nothing forbidden having been touched, before `limit`, s.
-    """
-
-    T_object_wrist: np.ndarray | None = None
-    closed: float = 0.005
-    position: float = 0.01
-    angle: float = float(np.radians(10.0))
-    speed: float = 0.02
-    hold: float = 1.0
-    limit: float = 30.0
-
-    def __post_init__(self):
-        for name in ("closed", "position", "angle", "speed", "hold", "limit"):
-            if not 0 < getattr(self, name) < np.inf:
-                raise ConfigurationError(f"{name} is {getattr(self, name)!r}, expected a positive number.")
+    changes: Mapping[str, Any] = MappingProxyType({})
 
 
 class Outcome(NamedTuple):
     """How a trial ended.
 
-    `success`; `reason`, in words; `final_error_m`, what is left to the goal, m; `final_angle_deg`, degrees, NaN where
-    the wrist's pose is not judged; `min_clearance_m`, least distance to what must not be touched, m; `time_s`;
-    `saturated`, the share of steps in which a torque limit cut in, and `saturated_joints`, at which joints;
-    `velocity_limited`, the share in which a velocity limit did; `braked_s`, s without a pose to go by; `diverged`.
+    `end`, an `End`: `CONVERGED` at the scene's goal, `TOUCHED`, `DIVERGED` or `UNFINISHED`; `reason`, in words;
+    `final_error_m`, what is left to the goal, m; `final_angle_deg`, degrees, NaN where no angle is judged;
+    `min_clearance_m`, least distance to what must not be touched, m; `time_s`; `saturated`, the share of steps in which
+    a torque limit cut in, and `saturated_joints`, at which joints; `velocity_limited`, the share in which a velocity
+    limit did; `braked_s`, s without a pose to go by.
     """
 
-    success: bool
+    end: End
     reason: str
     final_error_m: float
     final_angle_deg: float
@@ -90,7 +61,16 @@ class Outcome(NamedTuple):
     saturated_joints: tuple[str, ...]
     velocity_limited: float
     braked_s: float
-    diverged: bool
+
+    @property
+    def success(self) -> bool:
+        """Whether it ended at the goal."""
+        return self.end == End.CONVERGED
+
+    @property
+    def diverged(self) -> bool:
+        """Whether it was stopped for numbers or speeds that make no sense."""
+        return self.end == End.DIVERGED
 
 
 class Trace(NamedTuple):

@@ -3,17 +3,19 @@
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 
 from .._forms import NaturalForm
+from .._map_tree import Rebuild
 from .._pytree import pytree
-from .._task_map import pushforward
-from .._tree import Node, Pullback, Sum
+from .._tree import Batched, Leaf, Node
+from .._visitor import Visitor, at_points
 from ..leaves import Learned
 
 
 @pytree
-class Held(Node):
-    """A natural form as it was at an earlier instant, whatever the state is now.
+class Held(Leaf):
+    """A natural form as it was at an earlier instant, whatever the state is now: `form`.
 
     Between two evaluations it is no geometric dynamical system: its energy counts as zero and it certifies nothing.
     """
@@ -25,41 +27,56 @@ class Held(Node):
     def __call__(self, x, xd):
         return self.form
 
-    def energy(self, x, xd):
-        return jax.numpy.zeros((), x.dtype)
-
-    def dissipation(self, x, xd):
-        return jax.numpy.zeros((), x.dtype)
-
-    def leaves(self):
-        yield self  # type: ignore[misc]
-
 
 def learned_forms(tree: Node, q: jax.Array, qd: jax.Array) -> tuple[NaturalForm, ...]:
     """The natural forms `[f, M]` of a tree's learned leaves, each in its own task space, at one state.
 
-    Learned leaves are the terms of the tree that are pullbacks of `Learned` leaves alone.
+    **Arguments**: `tree`, a node on joint space; `q` [n], rad or m; `qd` [n], per second.
     """
-    forms = []
-    for node in _terms(tree):
-        if _is_learned(node):
-            there = pushforward(node.task_map, q, qd)
-            forms.append(node.node(there.y, there.yd))
-    return tuple(forms)
+    return tree.accept(_Forms(), (q, qd))
 
 
 def with_held(tree: Node, forms: tuple[NaturalForm, ...]) -> Node:
     """The same tree with its learned leaves replaced by what `learned_forms` gave; task maps and the rest are live.
 
     So the held force and metric act in task space through the present Jacobian: `f = J^T (f_held - M_held Jdot qd)`.
+
+    **Arguments**: `tree`, of the same structure; `forms`, of `learned_forms`.
     """
-    left = list(forms)
-    return Sum(tuple(Pullback(n.task_map, Held(left.pop(0))) if _is_learned(n) else n for n in _terms(tree)))
+    return tree.accept(_Hold(forms), None)
 
 
-def _terms(tree: Node) -> tuple[Any, ...]:
-    return tree.nodes if isinstance(tree, Sum) else (tree,)
+class _Forms(Visitor):
+    """The forms of the learned leaves at a state `(x, xd)`, in order."""
+
+    def visit_leaf(self, leaf, state):
+        return (leaf(*state),) if isinstance(leaf, Learned) else ()
+
+    def visit_sum(self, nodes, state):
+        return tuple(form for node in nodes for form in node.accept(self, state))
+
+    def visit_pullback(self, task_map, node, state):
+        return node.accept(self, jax.jvp(task_map, *((part,) for part in state))) if _learns(node) else ()
+
+    def visit_batched(self, node, shared, state):
+        return at_points(self, node, shared, state)
 
 
-def _is_learned(node: Node) -> bool:
-    return isinstance(node, Pullback) and all(isinstance(leaf, Learned) for leaf in node.leaves())
+class _Hold(Rebuild):
+    """The tree with forms, taken one by one, in the place of learned leaves."""
+
+    def __init__(self, forms: tuple[NaturalForm, ...]):
+        self._left = list(forms)
+
+    def visit_leaf(self, leaf, state):
+        return Held(self._left.pop(0)) if isinstance(leaf, Learned) else leaf
+
+    def visit_batched(self, node, shared, state):
+        if shared and _learns(node):  # what is held is each point's own
+            K = self._left[0].f.shape[0]
+            node, shared = jax.tree.map(lambda a: jnp.broadcast_to(a, (K, *jnp.shape(a))), node), False
+        return Batched(node.accept(self, state), shared)
+
+
+def _learns(node: Any) -> bool:
+    return any(isinstance(leaf, Learned) for leaf in node.leaves())

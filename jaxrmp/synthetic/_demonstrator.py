@@ -50,7 +50,8 @@ def synthetic_demonstrations(task: str, seed: int = 0, count: int = 6) -> Demons
 def write_synthetic_demonstrations(
     task: str, path: str | os.PathLike, seed: int = 0, count: int = 6, overwrite: bool = False
 ) -> Path:
-    """Write `synthetic_demonstrations` to a folder by `save_demonstrations`, which says what else can go wrong."""
+    """Write demonstrations by `save_demonstrations`, which says what `path` and `overwrite` are and what else can go
+    wrong; the rest as `synthetic_demonstrations`."""
     return save_demonstrations(synthetic_demonstrations(task, seed, count), path, overwrite)
 
 

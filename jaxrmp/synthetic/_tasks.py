@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .._rotations import pose
 from ._motion import HandMotion, Rotation, through
 
 _SHOULDER = np.array([0.0, 0.0, 0.333])
@@ -70,9 +71,7 @@ def door_reaching(rng: np.random.Generator, place: np.ndarray) -> TaskScript:
         wobble=_wobble(rng, 0.008, 0.03),
     )
     postures = np.array([[-0.3, 0.35, -0.3, -0.85, 0.05, 2.5, 0.9], [0.25, -1.3, -0.75, -1.57, -0.15, 1.95, 0.2]])
-    T_base_handle = np.eye(4)
-    T_base_handle[:3, :3], T_base_handle[:3, 3] = door.as_matrix(), handle
-    return TaskScript(motion, postures, {"door_handle": T_base_handle})
+    return TaskScript(motion, postures, {"door_handle": pose(handle, door.as_matrix())})
 
 
 def _axes(x, z) -> Rotation:

@@ -4,10 +4,10 @@ from typing import Any
 
 import numpy as np
 
-from ..kinematics import PANDA_MODEL, Robot, panda
-from ..world import RobotSpheres
-from ..world._robot_spheres import geometry_of_model
-from ._poses import quaternions
+from .._errors import RobotError
+from .._rotations import quaternion_of_rotation
+from ..kinematics import Robot, panda
+from ..world import RobotSpheres, geometry_of_model
 from ._shapes import seen, shapes_of
 
 _SPHERES = (230, 120, 30)
@@ -15,15 +15,16 @@ _HAND, _LINKS = (90, 100, 112), ((238, 240, 243), (206, 213, 222))
 
 
 class ArmView:
-    """A robot drawn from the geometry of its file (of the built-in Panda by default), moved by the poses of frames.
+    """A robot drawn from the geometry of its file, moved by the poses of frames.
 
     `frames`, those whose poses `move` wants, in its order; `more` frames may be asked for, that carry nothing.
+    **Raises** `RobotError` for a robot that was read from no file, or whose geometry cannot be read.
     """
 
-    def __init__(
-        self, server: Any, robot: Robot, source: str | None, spheres: RobotSpheres | None, more: tuple[str, ...] = ()
-    ):
-        model = geometry_of_model(source or PANDA_MODEL)
+    def __init__(self, server: Any, robot: Robot, spheres: RobotSpheres | None, more: tuple[str, ...] = ()):
+        if robot.source is None:
+            raise RobotError(f"{robot.name!r} was read from no file that could have its looks: load it from one.")
+        model = geometry_of_model(robot.source)
         name_of = [model.body(b).name or f"body_{b}" for b in range(model.nbody)]
         shapes = shapes_of(model, seen(model))
         carried = [name_of[shape.body] for shape in shapes] + list(spheres.frames if spheres else ()) + list(more)
@@ -48,7 +49,9 @@ class ArmView:
 
     def move(self, poses: np.ndarray) -> None:
         """Put the links at `poses` [F, 4, 4] of `frames`."""
-        for name, position, wxyz in zip(self.frames, poses[:, :3, 3], quaternions(poses[:, :3, :3]), strict=True):
+        for name, position, wxyz in zip(
+            self.frames, poses[:, :3, 3], quaternion_of_rotation(poses[:, :3, :3]), strict=True
+        ):
             self._nodes[name].position, self._nodes[name].wxyz = position, wxyz
 
     def show_spheres(self, visible: bool) -> None:

@@ -4,13 +4,11 @@ from typing import Any
 
 import numpy as np
 
+from .._rotations import rotation_of_quaternion
 from ..kinematics._mujoco import import_mujoco
-from ..kinematics._quaternions import rotation_of_quaternion
 from ..scenes import Scene
-from ._poses import place, quaternions
+from ._poses import place
 from ._shapes import shapes_of
-
-_OBJECT = 0  # of the bodies that are placed and not simulated, the first is the object
 
 
 class FurnitureView:
@@ -21,9 +19,7 @@ class FurnitureView:
 
     def __init__(self, server: Any, scene: Scene):
         mujoco = import_mujoco()
-        self._scene, self._data = scene, mujoco.MjData(scene.model)
-        scene.place(self._data, np.eye(4))
-        self._data.qpos[scene.model.joint(scene.joint).qposadr[0]] = scene.start
+        self._scene, self._data = scene, scene.with_object(np.eye(4)).fresh()
         mujoco.mj_kinematics(scene.model, self._data)
         self._node = server.scene.add_frame("/object", show_axes=False)
         bodies = self._carried()
@@ -49,8 +45,7 @@ class FurnitureView:
     def clearance(self, q: np.ndarray, T_world_object: np.ndarray) -> float:
         """Least distance of the arm's geometry at `q` [n] to what it must not touch, m; at most 1."""
         mujoco, scene, data = import_mujoco(), self._scene, self._data
-        data.mocap_pos[_OBJECT] = T_world_object[:3, 3]
-        data.mocap_quat[_OBJECT] = quaternions(T_world_object[:3, :3])
+        scene.move_object(data, T_world_object)
         data.qpos[scene.arm_qpos] = q
         mujoco.mj_kinematics(scene.model, data)
         return scene.clearance(data)
@@ -59,13 +54,17 @@ class FurnitureView:
         """Bodies below the object."""
         model, bodies = self._scene.model, set()
         for b in range(1, model.nbody):
-            if model.body(b).name == "object" or int(model.body_parentid[b]) in bodies:
+            if model.body(b).name == self._scene.object or int(model.body_parentid[b]) in bodies:
                 bodies.add(b)
         return bodies
 
 
 def camera_of(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
     """Where the scene's own camera stands, and a point that it looks at, both [3], m."""
-    camera = scene.model.camera("view")
+    cameras = [camera for camera in map(scene.model.camera, range(scene.model.ncam)) if camera.name == "view"]
+    if not cameras:
+        middle = scene.T_world_object[:3, 3]
+        return middle + [1.2, 1.2, 0.8], middle
+    camera = cameras[0]
     eye = np.array(camera.pos, float)
     return eye, eye - 1.6 * rotation_of_quaternion(camera.quat)[:, 2]

@@ -3,13 +3,14 @@
 import dataclasses
 from typing import Any, NamedTuple
 
+import jax
 import numpy as np
 
 _RANGE = 4.0  # sliders go from nothing, or near it, to this many times the gain at the start
 
 
 class Gain(NamedTuple):
-    """A number of a policy: `label`, its dotted `path`, whether it may be `zero`."""
+    """A number of a policy: `label`; `path`, the name of a leaf and of its parameter; whether it may be `zero`."""
 
     label: str
     path: str
@@ -17,43 +18,53 @@ class Gain(NamedTuple):
 
 
 _KNOWN = (
-    Gain("cruise speed (m/s)", "skill.learned.speed", zero=False),
-    Gain("path damping (1/s)", "skill.learned.damping_rate", zero=False),
-    Gain("joint damping (1/s)", "skill.joint_damping.damping_rate"),
-    Gain("joint damping weight", "skill.joint_damping.weight", zero=False),
-    Gain("joint limit barrier", "skill.joint_limit.barrier"),
-    Gain("hand weight", "hand_weight"),
-    Gain("hand stiffness (1/s²)", "hand_stiffness"),
-    Gain("goal pull (m/s²)", "reach.gain"),
-    Gain("goal sharpness (1/m)", "reach.sharpness", zero=False),
-    Gain("goal damping (1/s)", "reach.damping_rate"),
-    Gain("turn weight", "turn.weight"),
-    Gain("turn stiffness (1/s²)", "turn.stiffness"),
+    Gain("cruise speed (m/s)", "learned.speed", zero=False),
+    Gain("path damping (1/s)", "learned.damping_rate", zero=False),
+    Gain("goal pull (m/s²)", "hand_position.gain"),
+    Gain("goal sharpness (1/m)", "hand_position.sharpness", zero=False),
+    Gain("goal damping (1/s)", "hand_position.damping_rate"),
+    Gain("turn weight", "hand_orientation.weight"),
+    Gain("turn stiffness (1/s²)", "hand_orientation.stiffness"),
     Gain("posture stiffness (1/s²)", "posture.stiffness"),
-    Gain("joint damping (1/s)", "damping.damping_rate"),
-    Gain("joint damping weight", "damping.weight", zero=False),
-    Gain("joint limit barrier", "limit.barrier"),
-    Gain("avoidance barrier", "avoidance.barrier"),
-    Gain("avoidance reach (m)", "avoidance.reach", zero=False),
+    Gain("joint damping (1/s)", "joint_damping.damping_rate"),
+    Gain("joint damping weight", "joint_damping.weight", zero=False),
+    Gain("joint limit barrier", "joint_limit.barrier"),
+    Gain("avoidance barrier", "collision_avoidance.barrier"),
+    Gain("avoidance reach (m)", "collision_avoidance.reach", zero=False),
 )
 
 
 def gains_of(policy: Any) -> list[Gain]:
     """Those of the known gains that a policy has."""
-    return [gain for gain in _KNOWN if _reach(policy, gain.path) is not None]
+    return [gain for gain in _KNOWN if _holders(policy, gain.path)]
 
 
 def gain_value(policy: Any, path: str) -> float:
     """The value of a gain; the mean where each of several points has its own."""
-    return float(np.mean(_reach(policy, path)))
+    name = path.partition(".")[2]
+    return float(np.mean([np.mean(getattr(leaf, name)) for leaf in _holders(policy, path)]))
 
 
 def with_gain(policy: Any, path: str, value: float) -> Any:
-    """The same policy with a gain set, for all points alike."""
-    name, _, rest = path.partition(".")
-    inner = getattr(policy, name)
-    new = with_gain(inner, rest, value) if rest else np.full(np.shape(inner), value, np.float32)
-    return dataclasses.replace(policy, **{name: new})
+    """The same policy with a gain set, for all points alike, in whatever part of it the leaf is."""
+    name = path.partition(".")[2]
+
+    def changed(part: Any) -> Any:
+        if not _holds(part, path):
+            return part
+        return dataclasses.replace(part, **{name: np.full(np.shape(getattr(part, name)), value, np.float32)})
+
+    return jax.tree.map(changed, policy, is_leaf=lambda part: _holds(part, path))
+
+
+def _holders(policy: Any, path: str) -> list[Any]:
+    parts = jax.tree.leaves(policy, is_leaf=lambda part: _holds(part, path))
+    return [part for part in parts if _holds(part, path)]
+
+
+def _holds(part: Any, path: str) -> bool:
+    leaf, _, name = path.partition(".")
+    return getattr(part, "name", None) == leaf and getattr(part, name, None) is not None
 
 
 class GainSliders:
@@ -88,7 +99,7 @@ class GainSliders:
         return self._current
 
     def slider(self, path: str) -> Any:
-        """The slider of a gain, given its dotted path."""
+        """The slider of a gain, given its path, leaf.parameter."""
         return self._sliders[path][0]
 
     def reset(self) -> None:
@@ -107,9 +118,3 @@ class LeafSwitches:
     def read(self) -> np.ndarray:
         """One or zero for each leaf, [S]."""
         return np.array([float(box.value) for box in self.boxes], np.float32)
-
-
-def _reach(value: Any, path: str) -> Any:
-    for name in path.split("."):
-        value = getattr(value, name, None)
-    return value

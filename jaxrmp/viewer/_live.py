@@ -12,8 +12,8 @@ from .._task_map import pushforward
 from .._tree import Batched, Node, pullback
 from ..inspection import Inspection, inspect
 from ..kinematics import ControlPoints, frame_poses
+from ..simulation import Motion, euler
 from ..world import World
-from ._measured import measured
 from ._push import Push
 from ._switched import switched
 
@@ -25,7 +25,7 @@ STEP = 0.001
 class Situation:
     """All that a page can change; its numbers are parameters of the compiled programs.
 
-    `policy`, with a `robot` and a method `tree(T_world_target, world)`, such as `simulation.ScenePolicy`;
+    `policy`, with a `robot` and a method `tree(T_world_target, world)`, such as `policies.ArmPolicy`;
     `T_world_target` [4, 4], where the object or the goal is; `world`, the obstacles; `shares`, of the leaves' switches;
     `push`, at the hand.
     """
@@ -42,21 +42,6 @@ class Situation:
         return own + pullback(
             ControlPoints(self.policy.robot, hand, jnp.zeros((1, 3))), Batched(self.push, shared=True)
         )
-
-
-@pytree
-class Motion:
-    """A state of the arm: `q` and `rest` [n], what rounding cut off it; `qd` [n]."""
-
-    q: jax.Array
-    rest: jax.Array
-    qd: jax.Array
-
-    @staticmethod
-    def at_rest(q: Any) -> "Motion":
-        """The arm standing still at `q` [n]."""
-        q = jnp.asarray(q, jnp.float32)
-        return Motion(q, jnp.zeros_like(q), jnp.zeros_like(q))
 
 
 @pytree
@@ -78,13 +63,10 @@ def advance(situation: Situation, motion: Motion, steps: jax.Array, frames: tupl
 
     def step(i, carried):
         motion, energy, dissipated = carried
-        found = measured(tree, motion.q, motion.qd)
+        found = tree.measure(motion.q, motion.qd)
         energy = jnp.stack([jnp.where(i == 0, found.energy, energy[0]), found.energy])
         dissipated = jnp.stack([dissipated[1], dissipated[1] + STEP * found.dissipation])
-        qd = motion.qd + STEP * resolve(found.form.dense())
-        moved = STEP * qd + motion.rest
-        q = motion.q + moved
-        return Motion(q, moved - (q - motion.q), qd), energy, dissipated
+        return euler(motion, resolve(found.form.dense()), STEP), energy, dissipated
 
     none = jnp.full(2, jnp.nan, motion.q.dtype), jnp.zeros(2, motion.q.dtype)
     end, energy, dissipated = jax.lax.fori_loop(0, steps, step, (motion, *none))

@@ -9,7 +9,8 @@ from typing import NamedTuple
 import jax
 import numpy as np
 
-from ._live import STEP, Motion, Situation, advance
+from ..simulation import Motion
+from ._live import STEP, Situation, advance
 from ._real_time import Rates, RealTime
 from ._watch import EnergyWatch, Watched
 
@@ -148,7 +149,7 @@ class LiveLoop:
             )
             return
         same = self._frame is not None and self._parts(situation) == self._parts(self._frame.situation)
-        watched = self._watch.see(reading, moved or not same)
+        watched = self._watch.see(reading, moved or not same, stepped=steps > 0)
         self._motion, self._time = reading.motion, self._time + steps * STEP
         number = 0 if self._frame is None else self._frame.number + 1
         m = reading.motion

@@ -33,7 +33,7 @@ class Recording:
         return float(self.time[-1])
 
     def at(self, seconds: float) -> np.ndarray | None:
-        """Where the joints were after so many seconds, [n]; None once it is over."""
+        """Where the joints were after `seconds`, [n]; None once it is over."""
         if seconds > self.duration:
             return None
         return np.array([np.interp(seconds, self.time, column) for column in self.q.T], np.float32)
@@ -59,8 +59,8 @@ class Recorder:
         return self._samples is not None
 
     def begin(self, T_world_target: np.ndarray | None = None) -> None:
-        """Record from now on. **Raises** `DemonstrationError` if other recordings have a target and this has none, or
-        the other way round: all of a set need the same."""
+        """Record from now on, with the target at `T_world_target` [4, 4] or without. **Raises** `DemonstrationError` if
+        other recordings have a target and this has none, or the other way round: all of a set need the same."""
         marked = [recording.T_world_target is not None for recording in self.recordings]
         if marked and marked[0] != (T_world_target is not None):
             raise DemonstrationError(
@@ -73,8 +73,8 @@ class Recorder:
             self._target = None if T_world_target is None else np.array(T_world_target, float)
 
     def add(self, time: float, q: np.ndarray, hand: np.ndarray) -> None:
-        """A sample at a simulated time, s: joints [n], and where the hand is [3], m; passed over unless it records and
-        time has gone on."""
+        """A sample at simulated `time`, s: joints `q` [n], and where the `hand` is [3], m; passed over unless it
+        records and time has gone on."""
         with self._lock:
             if self._samples is not None and (not self._samples or time > self._samples[-1][0]):
                 self._samples.append((time, np.array(q, float), np.array(hand, float)))
@@ -93,15 +93,15 @@ class Recorder:
         return recording
 
     def discard(self, index: int) -> None:
-        """Throw one away. **Raises** `DemonstrationError` if there is none of that number."""
+        """Throw recording number `index` away. **Raises** `DemonstrationError` if there is none."""
         if not 0 <= index < len(self.recordings):
             raise DemonstrationError(f"there is no demonstration {index + 1}: {len(self.recordings)} are recorded.")
         del self.recordings[index]
 
     def save(self, robot: Robot, folder: Path, overwrite: bool = False) -> DemonstrationSet:
-        """Write all as a folder that `jaxrmp learn --demos` takes; poses are in the world of the robot's file.
+        """Write all, of `robot`, as `folder`, which `jaxrmp learn --demos` takes; poses are in the world of its file.
 
-        **Raises** `DemonstrationError` for fewer than two, or a folder that may not be replaced.
+        **Raises** `DemonstrationError` for fewer than two, or, unless `overwrite`, if there are others there.
         """
         demonstrations = tuple(Demonstration(r.time, r.q, _poses(r)) for r in self.recordings)
         found = DemonstrationSet(demonstrations, robot.joint_names, robot.name, f"taught in the browser: {folder.name}")

@@ -10,31 +10,32 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..world import RobotSpheres, Spheres, World
+from .._pytree import single
+from ..simulation import Motion
+from ..world import Spheres, World
 from ._arm import ArmView
 from ._furniture import FurnitureView, camera_of
 from ._inputs import GainSliders, LeafSwitches
 from ._lines import Trace
-from ._live import Motion, Situation, examine
+from ._live import Situation, examine
 from ._loop import Frame, LiveLoop
 from ._obstacles import ObstacleGizmos
 from ._plots import Plots
 from ._poses import place, pose_of
 from ._push_gizmo import PushGizmo, push_of
-from ._reach import single
 from ._server import open_server
 from ._switched import switches
 
 _LOOKS = 0.25  # seconds from one look at the leaves to the next
 _FAR = 0.5  # m, beyond which a distance is no news
-_AVOIDING = ("obstacles", "collision_avoidance")  # the names of leaves that keep off obstacles
+_DISTANCES = {"to obstacles": "collision_avoidance", "to itself": "self_collision"}  # and the leaves that know them
 
 
 class Content(NamedTuple):
     """What a session is about. `policy`, with `robot` and `tree(T_world_target, world)`; `T_world_target` [4, 4] and
     `target`, what it is called; `world`, whose capsules can be dragged; `q` [n], where the arm starts; `hand`, its last
-    frame; `spheres` on the robot; `source`, the robot's file, None for the built-in Panda; `furniture`, a
-    `scenes.Scene` or None; `balls` [N, 3], draggable obstacles, and how many of them are `shown` at first."""
+    frame; `furniture`, a `scenes.Scene` or None; `balls` [N, 3], draggable obstacles, how many of them are `shown` at
+    first; `frames`, more of the robot's to be drawn; `labels`, of the first leaves, in place of their names."""
 
     policy: Any
     T_world_target: np.ndarray
@@ -42,8 +43,6 @@ class Content(NamedTuple):
     world: World
     q: np.ndarray
     hand: str
-    spheres: RobotSpheres | None = None
-    source: str | None = None
     furniture: Any = None
     balls: np.ndarray = np.zeros((0, 3))
     shown: int = 0
@@ -88,8 +87,8 @@ class Session:
         server.initial_camera.position, server.initial_camera.look_at = eye, looked_at
         policy = single(content.policy)
         names = switches(policy.tree(content.T_world_target, single(_with_slots(content))))
-        self.leaf_labels = content.labels if len(content.labels) == len(names) else names
-        self.arm = ArmView(server, policy.robot, content.source, content.spheres, (content.hand, *content.frames))
+        self.leaf_labels = (*content.labels, *(n.replace("_", " ") for n in names[len(content.labels) :]))
+        self.arm = ArmView(server, policy.robot, policy.spheres, (content.hand, *content.frames))
         self.target = server.scene.add_transform_controls("/target", scale=0.22, line_width=3.0, depth_test=False)
         place(self.target, content.T_world_target)
         self.furniture = FurnitureView(server, content.furniture) if content.furniture is not None else None
@@ -135,7 +134,7 @@ class Session:
 
     def _show_controls(self, server: Any) -> dict[str, Any]:
         boxes = {"hand's trace": True}
-        boxes |= {"collision spheres": False} if self.content.spheres is not None else {}
+        boxes |= {"collision spheres": False} if self.content.policy.spheres is not None else {}
         return {name: server.gui.add_checkbox(name, value) for name, value in boxes.items()}
 
     @property
@@ -180,7 +179,7 @@ class Session:
                 return
 
     def set_playing(self, playing: bool) -> None:
-        """Run the policy or hold the arm still."""
+        """Run the policy, `playing`, or hold the arm still."""
         self.loop.playing = playing
         self.play.label, self.play.icon = ("Pause", "player-pause") if playing else ("Play", "player-play")
 
@@ -189,13 +188,13 @@ class Session:
         self.loop.reset(self.content.q)
 
     def notify(self, message: str) -> None:
-        """Tell the person something on the page."""
+        """Show `message` to the person on the page."""
         self.play.label, self.play.icon = ("Pause", "player-pause") if self.loop.playing else ("Play", "player-play")
         for client in self.server.get_clients().values():
             client.add_notification("jaxrmp", message)
 
     def on_frame(self, frame: Frame) -> None:
-        """Called with every frame, in the policy's thread."""
+        """Called with every `frame`, in the policy's thread."""
 
     def policy(self) -> Any:
         """The policy with its gains as they stand."""
@@ -219,7 +218,7 @@ class Session:
         )
 
     def pose(self, frame: Frame, name: str) -> np.ndarray:
-        """The pose [4, 4] of one of the arm's drawn frames."""
+        """The pose [4, 4] at `frame` of the arm's drawn frame `name`."""
         return frame.poses[self.arm.frames.index(name)]
 
     def _guarded(self, work: Any) -> None:
@@ -249,7 +248,7 @@ class Session:
                 self.status.content = self.status_text(frame, len(drawn))
 
     def draw(self, frame: Frame) -> None:
-        """What a frame changes on the page."""
+        """What `frame` changes on the page."""
         self.arm.move(frame.poses)
         hand = self.pose(frame, self.content.hand)[:3, 3]
         self.push.follow(frame.time, hand)
@@ -260,7 +259,7 @@ class Session:
         self.trace.show(bool(self.shown["hand's trace"].value))
 
     def status_text(self, frame: Frame, updates: int) -> str:
-        """The line at the top of the controls."""
+        """The line at the top of the controls, at `frame`, with `updates` of the page a second."""
         rates = frame.rates
         running = f"{rates.steps:,.0f} steps/s" if self.loop.playing else "paused"
         late = f" · **{rates.lost:.1f} s behind**" if rates.lost > 0.05 else ""
@@ -281,7 +280,7 @@ class Session:
         return jax.tree.map(np.asarray, found), float(weight)
 
     def look(self, frame: Frame, found: Any, weight: float) -> None:
-        """Plot what the inspector found at a frame."""
+        """Plot what the inspector `found` at `frame`; `weight` is the hand's, see `examine`."""
         self.push.weight = weight if np.isfinite(weight) else 1.0
         self.trace.add(self.pose(frame, self.content.hand)[:3, 3])
         gaps: dict[str, float] = {}
@@ -297,9 +296,7 @@ class Session:
                 T = np.asarray(frame.situation.T_world_target, float)
                 distances.append(self.furniture.clearance(frame.q, T) if self.furniture else _FAR)
             else:
-                leaf = "self_collision" if name == "to itself" else None
-                found_gaps = [gap for key, gap in gaps.items() if key == leaf or (leaf is None and key in _AVOIDING)]
-                distances.append(min(found_gaps, default=_FAR))
+                distances.append(gaps.get(_DISTANCES[name], _FAR))
         watched = frame.watched
         energies = (watched.energy, watched.allowed)
         if np.isfinite(energies).all():
@@ -307,7 +304,11 @@ class Session:
             self.plots.add(frame.time, energies, np.array(list(shares.values())), near)
         void = [name for name, sure in zip(found.names, found.certified, strict=True) if not sure]
         state = "certified: V may only fall" if not void else f"not certified: {', '.join(dict.fromkeys(void))}"
-        rises = f"V rose in {watched.violations} frames" if watched.violations else "V has not risen by itself"
+        rises = (
+            f"V rose, or was not a number, in {watched.violations} frames"
+            if watched.violations
+            else "V has not risen by itself"
+        )
         self.plots.certificate.content = f"{state} · {rises}"
 
 

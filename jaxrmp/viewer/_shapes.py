@@ -6,8 +6,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .._errors import MissingDependencyError
+from .._rotations import rotation_of_quaternion
 from ..kinematics._mujoco import import_mujoco
-from ..kinematics._quaternions import rotation_of_quaternion
 
 
 class Shape(NamedTuple):

@@ -100,7 +100,7 @@ class Teacher(Session):
         return run
 
     def tell(self, message: str) -> None:
-        """Say something below the buttons."""
+        """Show `message` below the buttons."""
         self.told.content = message
 
     def policy(self) -> Any:

@@ -11,7 +11,7 @@ _TOLERANCE = 1e-3  # of the energy's size, that single precision and steps of a 
 
 class Watched(NamedTuple):
     """`energy` V before a frame's last step; `allowed`, what it would be if exactly the dissipation had been taken from
-    it since the last change from outside; `violations`, in how many frames so far V rose."""
+    it since the last change from outside; `violations`, in how many frames so far V rose, or was not a number."""
 
     energy: float
     allowed: float
@@ -31,18 +31,19 @@ class EnergyWatch:
         self._seen = Watched(float("nan"), float("nan"), 0)
         self._later = 0.0  # what the last step of the last frame took
 
-    def see(self, reading: Reading, changed: bool) -> Watched:
-        """Take in a frame; `changed`, whether something from outside has changed since the last one."""
+    def see(self, reading: Reading, changed: bool, stepped: bool = True) -> Watched:
+        """Take in a frame; `changed`, whether something from outside has changed since the last one; `stepped`, whether
+        a step was taken in it."""
+        if not stepped:
+            return self._seen
         (start, end), (before_last, with_last) = (
             np.asarray(reading.energy, float),
             np.asarray(reading.dissipated, float),
         )
-        if not np.isfinite(start):  # no step was taken
-            return self._seen
         allowed = self._seen.allowed - self._later
-        if changed or not np.isfinite(allowed):
+        if changed or not np.isfinite([allowed, self._seen.energy]).all():
             allowed = start
-        rose = end - start > _TOLERANCE * (abs(start) + abs(end)) + 1e-6
-        self._seen = Watched(end, allowed - before_last, self._seen.violations + int(rose))
+        fell = end - start <= _TOLERANCE * (abs(start) + abs(end)) + 1e-6  # of what is not a number, it does not hold
+        self._seen = Watched(end, allowed - before_last, self._seen.violations + int(not fell))
         self._later = with_last - before_last
         return self._seen

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..learning import Reproduction
-from ._style import dress, legend_below, new_figure, series_style
+from ._style import label_axes, legend_below, new_figure, series_style
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -14,7 +14,7 @@ _ROUNDING = 1e-6  # a smaller share of the range is rounding in single precision
 
 
 def energy_figure(reproduction: Reproduction) -> "Figure":
-    """The whole policy's Lyapunov function V and the joint speed along every rollout.
+    """The whole policy's Lyapunov function V and the joint speed along every rollout of `reproduction`.
 
     V is shown above its lowest value, as a share of its range; its largest rise in one step stands in the title.
 
@@ -32,8 +32,8 @@ def energy_figure(reproduction: Reproduction) -> "Figure":
         right.plot(time[n], np.linalg.norm(qd[n], axis=-1), linewidth=1.3, **style)
     rise = max(errors["energy_increase"] for errors in reproduction.errors)
     title = f"largest rise in one step: {rise:.1e} of the range of V"
-    dress(left, "time (s)", r"$(V - \min V)\,/\,(\max V - \min V)$", title)
-    dress(right, "time (s)", r"joint speed $|\dot q|$ (rad/s or m/s)")
+    label_axes(left, "time (s)", r"$(V - \min V)\,/\,(\max V - \min V)$", title)
+    label_axes(right, "time (s)", r"joint speed $|\dot q|$ (rad/s or m/s)")
     left.set_ylim(_ROUNDING, 2)
     right.set_ylim(bottom=0)
     for axes in (left, right):

@@ -4,8 +4,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..evaluation import KINDS, End, Evaluation, regions
-from ._style import BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILLION, dress, legend_below, new_figure
+from ..evaluation import KINDS, Evaluation, regions
+from ..simulation import End
+from ._style import BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILLION, label_axes, legend_below, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -21,7 +22,7 @@ _COLOURS = {
 
 
 def evaluation_figures(evaluation: Evaluation) -> dict[str, tuple["Figure", str]]:
-    """Figures of an evaluation, by their headings, each with a sentence on what it shows.
+    """Figures of `evaluation`, by their headings, each with a sentence on what it shows.
 
     **Raises** `MissingDependencyError` without matplotlib.
     """
@@ -50,7 +51,7 @@ def _starts_figure(evaluation: Evaluation) -> "Figure":
             if members.any():
                 size = 4 if end == End.CONVERGED else 16
                 axes.scatter(hand[members, i], hand[members, j], size, _COLOURS[end], label=name.replace("_", " "))
-        dress(axes, *names)
+        label_axes(axes, *names)
         axes.set_aspect("equal")
     legend_below(figure, views[0])
     return figure
@@ -67,7 +68,7 @@ def _regions_figure(evaluation: Evaluation) -> "Figure":
         if share.any():
             axes.barh(names, 100 * share, left=100 * left, color=_COLOURS[end], label=name.replace("_", " "))
             left += share
-    dress(axes, "share of starts, %", "")
+    label_axes(axes, "share of starts, %", "")
     axes.invert_yaxis()
     legend_below(figure, axes)
     return figure
@@ -80,7 +81,7 @@ def _times_figure(evaluation: Evaluation) -> "Figure":
     share = 100 * np.arange(1, len(times) + 1) / len(evaluation.starts)
     axes.plot(np.append(0, times), np.append(0, share), color=BLUE, drawstyle="steps-post")
     axes.set_ylim(0, 100)
-    dress(axes, "time, s", "converged, % of starts")
+    label_axes(axes, "time, s", "converged, % of starts")
     return figure
 
 
@@ -99,5 +100,5 @@ def _worst_figure(evaluation: Evaluation) -> "Figure":
         if len(values):
             axes.hist(values, bins=60, color=BLUE)
         axes.set_yscale("symlog")
-        dress(axes, name, "rollouts")
+        label_axes(axes, name, "rollouts")
     return figure

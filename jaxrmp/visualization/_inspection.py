@@ -6,7 +6,7 @@ import numpy as np
 
 from .._errors import ShapeError
 from ..inspection import Inspection
-from ._style import BLACK, dress, legend_below, new_figure, series_style
+from ._style import BLACK, label_axes, legend_below, new_figure, series_style
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -60,10 +60,10 @@ def inspection_figure(inspection: Inspection, time: Any, rows: int = 6) -> "Figu
     energies.plot(time, energy.sum(1), color=BLACK, linewidth=1.8, label="whole tree")
     energies.legend(frameon=False, fontsize=9.5)
     gaps.axhline(0, color=BLACK, linewidth=0.7)
-    dress(forces, "", "share of the force (%)", "force at the root")
-    dress(metrics, "", "share of the metric (%)", "metric at the root")
-    dress(gaps, "time (s)", "gap (units of the leaf's space)", "distance left to the goal, or kept")
-    dress(energies, "time (s)", "energy $V$", "energy")
+    label_axes(forces, "", "share of the force (%)", "force at the root")
+    label_axes(metrics, "", "share of the metric (%)", "metric at the root")
+    label_axes(gaps, "time (s)", "gap (units of the leaf's space)", "distance left to the goal, or kept")
+    label_axes(energies, "time (s)", "energy $V$", "energy")
     forces.set_xlim(time.min(), time.max() if np.ptp(time) > 0 else time.min() + 1)
     legend_below(figure, forces)
     return figure

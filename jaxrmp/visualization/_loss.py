@@ -5,14 +5,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..learning import Learning
-from ._style import dress, legend_below, new_figure, series_style
+from ._style import label_axes, legend_below, new_figure, series_style
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
 def loss_figure(learning: Learning) -> "Figure":
-    """The regression loss of every subtask's metric against the training update.
+    """The regression loss of every subtask's metric in `learning` against the training update.
 
     **Returns** a matplotlib `Figure`. **Raises** `MissingDependencyError` without matplotlib.
 
@@ -27,7 +27,7 @@ def loss_figure(learning: Learning) -> "Figure":
     for loss, name, style in zip(losses.T, names, series_style(len(names)), strict=True):
         axes.semilogy(updates, loss, linewidth=1.3, label=name, **style)
     kind = {"smooth_l1": "Huber loss", "l2": "squared loss"}.get(learning.skill.configuration.metric.loss, "loss")
-    dress(axes, "update", f"{kind} of the warped field", learning.skill.configuration.name)
+    label_axes(axes, "update", f"{kind} of the warped field", learning.skill.configuration.name)
     axes.set_xlim(0, len(losses))
     axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
     axes.yaxis.set_major_formatter("{x:g}")

@@ -18,12 +18,12 @@ class Plane(NamedTuple):
     share: float
 
     def project(self, x: np.ndarray) -> np.ndarray:
-        """Coordinates [..., 2] in the plane of points or vectors x [..., m]."""
+        """Coordinates [..., 2] in the plane of points or vectors `x` [..., m]."""
         return np.asarray(x, float) @ self.axes.T
 
 
 class PlaneField(NamedTuple):
-    """Potential and fields at the points `(u[i], v[j])` of a plane, m.
+    """Potential and fields at the points `(u[i], v[j])` of a plane, `u` [U] and `v` [V], m.
 
     `potential` [V, U], m; `descent` [V, U, 2], `-grad Phi`, and `warped` [V, U, 2], `-M^-1 grad Phi`, both without
     the part that leaves the plane.
@@ -60,7 +60,7 @@ def field_on_plane(learned: Learned, plane: Plane, u: np.ndarray, v: np.ndarray)
 
     The field is evaluated at points of the plane, then projected onto it.
 
-    **Arguments**: `learned`, the leaf of one subtask; `u` [U] and `v` [V], m, coordinates along the plane's axes.
+    **Arguments**: `learned`, the leaf of one subtask; `plane`; `u` [U] and `v` [V], m, coordinates along its axes.
     **Returns** a `PlaneField`.
     """
     u, v = np.asarray(u, float), np.asarray(v, float)

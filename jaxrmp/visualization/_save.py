@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 def save_learning_figures(learning: Learning, folder: str | os.PathLike) -> list[Path]:
-    """Write the figures of a learned skill to a folder, made if need be: fields, kernel widths and training losses.
+    """Write the figures of `learning` to `folder`, made if need be: fields, kernel widths and training losses.
 
     **Returns** the paths of the PNG files, none of them ever half written.
     **Raises** `MissingDependencyError` without matplotlib.
@@ -40,9 +40,9 @@ def save_learning_figures(learning: Learning, folder: str | os.PathLike) -> list
 def save_reproduction_figures(
     prepared: PreparedDemonstrations, reproduction: Reproduction, folder: str | os.PathLike
 ) -> list[Path]:
-    """Write the figures of a reproduction to a folder, made if need be: paths in space, and energy over time.
+    """Write the figures of `reproduction` to `folder`, made if need be: paths in space, and energy over time.
 
-    **Returns** the paths of the PNG files, none of them ever half written.
+    `prepared`, the demonstrations. **Returns** the paths of the PNG files, none of them ever half written.
     **Raises** `MissingDependencyError` without matplotlib, and what `triangle_figure` raises.
     """
     folder = Path(folder)
@@ -55,9 +55,9 @@ def save_reproduction_figures(
 def save_physics_figures(
     run: Run, prepared: PreparedDemonstrations, reproduction: Reproduction | None, folder: str | os.PathLike
 ) -> list[Path]:
-    """Write the figures of a run to a folder, made if need be: joints, speeds and torques; snapshots; paths in space.
+    """Write the figures of `run` to `folder`, made if need be: joints, speeds and torques; snapshots; paths in space.
 
-    `reproduction`, the first trials against the demonstrations that they start from, or None.
+    `reproduction`, the first trials against the demonstrations, `prepared`, that they start from, or None.
     **Returns** the paths of the PNG files. **Raises** `MissingDependencyError`, and what `snapshots` raises.
     """
     from matplotlib.image import imsave
@@ -73,7 +73,7 @@ def save_physics_figures(
 
 
 def png(figure: "Figure", dpi: int = 110) -> bytes:
-    """A figure as the bytes of a PNG file, for a page."""
+    """`figure` as the bytes of a PNG file of `dpi` dots per inch, for a page."""
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png", dpi=dpi)
     return buffer.getvalue()

@@ -29,7 +29,7 @@ def space_panels(
         left, bottom = n % columns * width, foot + (rows - 1 - n // columns) * height
         axes: Axes3D = figure.add_subplot(projection="3d")  # type: ignore[assignment]
         axes.set_position((left, bottom, width, height - title))
-        size = _dress(axes, points)
+        size = _set_box(axes, points)
         if n == 0:
             shift, zoom = _fit(figure, axes, size)
         axes.set_box_aspect(size, zoom=zoom)
@@ -48,7 +48,7 @@ def view_angles(points: np.ndarray) -> tuple[float, float]:
     return float(np.clip(np.degrees(np.arcsin(normal[2])), 20.0, 45.0)), float(azimuth)
 
 
-def _dress(axes: "Axes3D", points: np.ndarray) -> np.ndarray:
+def _set_box(axes: "Axes3D", points: np.ndarray) -> np.ndarray:
     """Limits, view and labels; returns the box's edge lengths, m."""
     low, high = points.min(0), points.max(0)
     size = np.maximum(high - low, _THINNEST * (high - low).max()) + 2 * _PAD * (high - low).max()

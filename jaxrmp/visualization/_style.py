@@ -37,7 +37,7 @@ def series_style(count: int) -> list[dict]:
     return [{"color": _SERIES[i % 7], "linestyle": dashes[i // 7 % 4]} for i in range(count)]
 
 
-def dress(axes: "Axes", x: str, y: str, title: str = "") -> None:
+def label_axes(axes: "Axes", x: str, y: str, title: str = "") -> None:
     """Labels, a title and a light grid."""
     axes.set_xlabel(x, fontsize=_LABEL)
     axes.set_ylabel(y, fontsize=_LABEL)

@@ -8,7 +8,7 @@ import numpy as np
 from .._errors import UnknownNameError
 from ..learning import Learning
 from ._plane import Plane, demonstration_plane, field_on_plane, fields_at
-from ._style import BLACK, BLUE, GOAL, GREY, VERMILLION, dress, legend_below, new_figure
+from ._style import BLACK, BLUE, GOAL, GREY, VERMILLION, label_axes, legend_below, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -24,7 +24,7 @@ def vector_field_figure(learning: Learning, subtask: int = 0) -> "Figure":
     Left `-grad Phi`, right `-M^-1 grad Phi`, each with the contours of Phi and the mean cosine to the demonstrated
     directions, in the plane through the goal that holds most of the demonstrations.
 
-    **Arguments**: `subtask`, its index.
+    **Arguments**: `learning`, by `learn`; `subtask`, its index.
     **Returns** a matplotlib `Figure`.
     **Raises** `UnknownNameError` for an index that is not there; `MissingDependencyError` without matplotlib.
 
@@ -56,7 +56,7 @@ def vector_field_figure(learning: Learning, subtask: int = 0) -> "Figure":
         _demonstrations(axes, paths, learning.nominal[subtask])
         cosine = mean_cosine(at, directions, positions)
         caption = f"{title}\nmean cosine to the demonstrated directions {cosine:.3f}"
-        dress(axes, _axis_label(plane, 0), _axis_label(plane, 1), caption)
+        label_axes(axes, _axis_label(plane, 0), _axis_label(plane, 1), caption)
         axes.grid(False)
         axes.set(aspect="equal", xlim=field.u[[0, -1]], ylim=field.v[[0, -1]])
     panels[1].set_ylabel("")

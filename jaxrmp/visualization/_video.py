@@ -1,5 +1,6 @@
 """Videos and snapshots of trials, by MuJoCo's offscreen renderer."""
 
+import contextlib
 import ctypes.util
 import os
 import subprocess
@@ -41,13 +42,13 @@ def prepare_headless() -> None:
 
 
 def check_video_name(path: str | os.PathLike) -> None:
-    """**Raises** `ConfigurationError` for a file whose ending is that of no video we can write."""
+    """**Raises** `ConfigurationError` for a `path` whose ending is that of no video we can write."""
     if Path(path).suffix not in _ENCODING:
         raise ConfigurationError(f"video {str(path)!r}: expected a name that ends in .mp4 or .gif.")
 
 
 def save_video(run: Run, path: str | os.PathLike, trials: int = 3) -> Path:
-    """Write the first trials of a run, one after the other, in real time, as MP4 or GIF by the file's ending.
+    """Write the first `trials` of `run`, one after the other, in real time, as MP4 or GIF by the ending of `path`.
 
     **Raises** `ConfigurationError` for another ending or where MuJoCo cannot draw; `MissingDependencyError` without
     imageio-ffmpeg.
@@ -58,30 +59,26 @@ def save_video(run: Run, path: str | os.PathLike, trials: int = 3) -> Path:
         from imageio_ffmpeg import get_ffmpeg_exe
     except ImportError as error:
         raise MissingDependencyError("imageio-ffmpeg", "simulation") from error
-    frames = []
     run = _pictured(run)
-    with _renderer(run.scene.model) as renderer:
-        for k in range(min(trials, len(run.trials))):
-            frames += [_frame(renderer, run, k, t) for t in range(0, len(run.traces[k].time), 2)]
     height, width = _SIZE
     command = [get_ffmpeg_exe(), "-y", "-loglevel", "error", "-f", "rawvideo", "-pix_fmt", "rgb24"]
     command += ["-s", f"{width}x{height}", "-r", str(_PER_SECOND), "-i", "-", *_ENCODING[path.suffix]]
-    with atomic_write(path) as file, tempfile.TemporaryDirectory() as folder:
-        encoded = Path(folder) / path.name
-        done = subprocess.run(
-            [*command, str(encoded)],
-            input=b"".join(frame.tobytes() for frame in frames),
-            capture_output=True,
-            check=False,
-        )
-        if done.returncode:
-            raise ConfigurationError(f"ffmpeg could not write {str(path)!r}: {done.stderr.decode().strip()}")
+    with atomic_write(path) as file, tempfile.TemporaryDirectory() as folder, _renderer(run.scene.model) as renderer:
+        encoded, said = Path(folder) / path.name, Path(folder) / "said"
+        with said.open("wb") as errors:
+            encoder = subprocess.Popen([*command, str(encoded)], stdin=subprocess.PIPE, stderr=errors)
+            with contextlib.suppress(BrokenPipeError), encoder:  # where it ends early, it says why
+                for k in range(min(trials, len(run.trials))):
+                    for t in range(0, len(run.traces[k].time), 2):
+                        encoder.stdin.write(_frame(renderer, run, k, t).tobytes())  # type: ignore[union-attr]
+        if encoder.returncode:
+            raise ConfigurationError(f"ffmpeg could not write {str(path)!r}: {said.read_text().strip()}")
         file.write(encoded.read_bytes())
     return path
 
 
 def snapshots(run: Run, trial: int = 0, count: int = 6) -> np.ndarray:
-    """Pictures of one trial at instants even in time, side by side: [height, count width, 3].
+    """Pictures of trial `trial` of `run` at `count` instants even in time, side by side: [height, count width, 3].
 
     Rana et al. 2019, figures 3, 5, 7 and 8. **Raises** `ConfigurationError` where MuJoCo cannot draw.
     """
@@ -111,14 +108,12 @@ def _renderer(model: Any) -> Any:
 
 def _frame(renderer: Any, run: Run, trial: int, t: int) -> np.ndarray:
     mujoco = import_mujoco()
-    scene, trace = run.scene, run.traces[trial]
-    if run.trials[trial].cylinder is not None:
-        scene = scene.with_cylinder(run.trials[trial].cylinder)
-    data = mujoco.MjData(scene.model)
+    scene, trace = run.scene.at(run.trials[trial]), run.traces[trial]
+    data = scene.fresh()
     data.qpos[:] = trace.qpos[t]
-    scene.place(data, run.trials[trial].T_world_object)
     scene.move_object(data, trace.T_world_object[t])
     mujoco.mj_kinematics(scene.model, data)
     mujoco.mj_camlight(scene.model, data)
-    renderer.update_scene(data, camera="view")
+    cameras = [scene.model.camera(c).name for c in range(scene.model.ncam)]
+    renderer.update_scene(data, camera="view" if "view" in cameras else -1)
     return renderer.render().copy()

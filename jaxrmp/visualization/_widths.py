@@ -5,14 +5,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..learning import Learning
-from ._style import BLACK, GOAL, GREY, MARKERS, dress, legend_below, new_figure, series_style
+from ._style import BLACK, GOAL, GREY, MARKERS, label_axes, legend_below, new_figure, series_style
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
 def width_figure(learning: Learning) -> "Figure":
-    """What was measured with each kernel width tried, for every subtask, and which one was chosen.
+    """What was measured with each kernel width tried, for every subtask in `learning`, and which one was chosen.
 
     Left the mean cosine between `-grad Phi` and the demonstrated directions; middle the share of samples beyond 90
     degrees of them; right the share of starts whose descent ends at the goal, for the widths it was measured for
@@ -47,9 +47,9 @@ def width_figure(learning: Learning) -> "Figure":
         foot = panels[0].get_xaxis_transform()
         panels[0].plot(failed, np.full(len(failed), 0.03), "x", color=GREY, transform=foot, label="could not be fitted")
     panels[0].plot([], [], "*", color=GOAL, markeredgecolor=BLACK, markersize=12, linestyle="", label="chosen")
-    dress(panels[0], "kernel width (cm)", "mean cosine", "alignment with the demonstrations")
-    dress(panels[1], "kernel width (cm)", "share of samples (%)", r"beyond 90° of the demonstrations")
-    dress(panels[2], "kernel width (cm)", "share of starts (%)", "starts that reach the goal (best widths)")
+    label_axes(panels[0], "kernel width (cm)", "mean cosine", "alignment with the demonstrations")
+    label_axes(panels[1], "kernel width (cm)", "share of samples (%)", r"beyond 90° of the demonstrations")
+    label_axes(panels[2], "kernel width (cm)", "share of starts (%)", "starts that reach the goal (best widths)")
     panels[1].set_ylim(-0.04 * max(panels[1].get_ylim()[1], 0.1), max(panels[1].get_ylim()[1], 0.1))
     panels[2].set_ylim(0, 105)
     for axes in panels:

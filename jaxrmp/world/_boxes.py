@@ -8,9 +8,9 @@ import numpy as np
 from jax.core import Tracer
 
 from .._pytree import pytree
-from .._ranges import require
+from .._ranges import Finite, NonNegative
 from .._task_map import check_rigid
-from ._components import components, corner_derivatives, magnitude, outside_corner, to_local, turned
+from ._components import components, corner_derivatives, magnitude, outside_corner, rotated, to_local
 from ._obstacles import PaddedObstacles, padded, set_fields
 
 
@@ -31,18 +31,17 @@ class Boxes(PaddedObstacles):
     """
 
     T_world_box: Any
-    half_extents: Any
+    half_extents: NonNegative[Finite[Any]]
     active: Any = None
 
     def __post_init__(self):
         set_fields(self, T_world_box=(4, 4), half_extents=(3,))
         if self.size and not isinstance(self.T_world_box, Tracer):
             check_rigid(self.T_world_box, "T_world_box")
-        require(self, finite=("half_extents",), non_negative=("half_extents",))
 
     @classmethod
     def of(cls, boxes: Iterable = (), capacity: int | None = None) -> "Boxes":
-        """Boxes from pairs (T_world_box, half_extents), padded to `capacity` slots."""
+        """Boxes from `boxes`, pairs (T_world_box, half_extents), padded to `capacity` slots."""
         (T, half_extents), active = padded("Boxes", boxes, capacity, (np.eye(4), (0.0, 0.0, 0.0)))
         return cls(T, half_extents, active)
 
@@ -53,10 +52,10 @@ class Boxes(PaddedObstacles):
     def derivatives(self, p, v):
         local, faces = self._local(p)
         signs = [jnp.where(x >= 0, 1, -1).astype(x.dtype) for x in local]
-        rates = [s * rate for s, rate in zip(signs, turned(self.T_world_box, v), strict=True)]
+        rates = [s * rate for s, rate in zip(signs, rotated(self.T_world_box, v), strict=True)]
         slopes, bend = corner_derivatives(faces, rates)
         x, y, z = (s * slope for s, slope in zip(signs, slopes, strict=True))
-        return turned(self.T_world_box, (x, y, z), back=True), bend
+        return rotated(self.T_world_box, (x, y, z), back=True), bend
 
     def _local(self, p):
         """Points in the boxes' frames, and their signed distances to the three nearer faces."""

@@ -7,10 +7,12 @@ import jax
 import jax.numpy as jnp
 
 from .._errors import ShapeError
+from .._linalg import length
 from .._pytree import pytree
+from .._ranges import Finite, NonNegative
 from .._task_map import Pushforward, TaskMap, pushforward
 from ._boxes import Boxes
-from ._components import Point, along, columns, curvature, difference, dot, gradient, length, slope
+from ._components import Point, along, columns, curvature, difference, dot, gradient, slope
 from ._cylinders import Cylinders
 from ._obstacle_distances import radii_of_points, set_radii
 from ._obstacles import FAR, Obstacles, curved_from
@@ -48,7 +50,7 @@ class CapsuleDistances(TaskMap):
     points_a: Callable[[jax.Array], jax.Array]
     points_b: Callable[[jax.Array], jax.Array]
     world: World
-    radii: Any = 0.0
+    radii: NonNegative[Finite[Any]] = 0.0
 
     def __post_init__(self):
         set_radii(self)
@@ -56,8 +58,8 @@ class CapsuleDistances(TaskMap):
     def __call__(self, x):
         a, b = self.points_a(x), self.points_b(x)
         radii = self._radii(a, b)
-        d = self.world.of_each(a, lambda kind: _least_distance(kind, columns(a), columns(b))) - radii[:, None]
-        return self.world.only_active(d, FAR).reshape(-1)
+        d = self.world.over_kinds(a, lambda kind: _least_distance(kind, columns(a), columns(b))) - radii[:, None]
+        return self.world.mask_inactive(d, FAR).reshape(-1)
 
     def pushforward(self, x, xd):
         at_a, at_b = pushforward(self.points_a, x, xd), pushforward(self.points_b, x, xd)

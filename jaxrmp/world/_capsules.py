@@ -5,9 +5,10 @@ from typing import Any
 
 import jax.numpy as jnp
 
+from .._linalg import length
 from .._pytree import pytree
-from .._ranges import require
-from ._components import along, components, difference, dot, fraction, length, length_derivatives
+from .._ranges import Finite, NonNegative
+from ._components import along, components, difference, dot, fraction, length_derivatives
 from ._obstacles import PaddedObstacles, padded, set_fields
 
 
@@ -23,18 +24,17 @@ class Capsules(PaddedObstacles):
     [1.5]
     """
 
-    start: Any
-    end: Any
-    radius: Any
+    start: Finite[Any]
+    end: Finite[Any]
+    radius: NonNegative[Finite[Any]]
     active: Any = None
 
     def __post_init__(self):
         set_fields(self, start=(3,), end=(3,), radius=())
-        require(self, finite=("start", "end", "radius"), non_negative=("radius",))
 
     @classmethod
     def of(cls, capsules: Iterable = (), capacity: int | None = None) -> "Capsules":
-        """Capsules from triples (start, end, radius), padded to `capacity` slots."""
+        """Capsules from `capsules`, triples (start, end, radius), padded to `capacity` slots."""
         (start, end, radius), active = padded("Capsules", capsules, capacity, ((0.0,) * 3, (0.0,) * 3, 0.0))
         return cls(start, end, radius, active)
 

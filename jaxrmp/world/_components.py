@@ -10,10 +10,10 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
+from .._linalg import AT_ZERO
+
 Point = tuple[jax.Array, jax.Array, jax.Array]
 Field = Callable[[Point], jax.Array]
-
-_TOUCHING = 1e-20  # m^2: below 1e-10 m a length counts as zero, since its second derivative would overflow float32
 
 
 def components(x: Any, dtype: Any = None) -> Point:
@@ -40,13 +40,6 @@ def along(a: Point, t: jax.Array, step: Point) -> Point:
 def dot(a: Point, b: Point) -> jax.Array:
     """`a . b`."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-def length(*v: jax.Array) -> jax.Array:
-    """`|v|`; below 1e-10 it is zero and so are its derivatives."""
-    square = sum(x * x for x in v)
-    touching = square < _TOUCHING
-    return jnp.where(touching, 0.0, jnp.sqrt(jnp.where(touching, 1.0, square)))
 
 
 def magnitude(x: jax.Array) -> jax.Array:
@@ -98,20 +91,20 @@ def _over_edge(q: Sequence[jax.Array]) -> tuple[jax.Array, jax.Array]:
     """Whether two of q or more are positive, and the sum of the squares of those that are."""
     square = sum((jnp.where(x > 0, x * x, 0) for x in q), jnp.zeros_like(q[0]))
     count = sum(((x > 0).astype(jnp.int32) for x in q), jnp.zeros(q[0].shape, jnp.int32))
-    return (count >= 2) & (square >= _TOUCHING), square
+    return (count >= 2) & (square >= AT_ZERO), square
 
 
 def length_derivatives(offset: Sequence[jax.Array], rates: Sequence[jax.Array]) -> tuple[list[jax.Array], jax.Array]:
     """First derivatives of `length` in each component, and its second derivative along `rates`."""
     square = sum(x * x for x in offset)
-    touching = square < _TOUCHING
+    touching = square < AT_ZERO
     inverse = jnp.where(touching, 0, jax.lax.rsqrt(jnp.where(touching, 1.0, square)))
     slopes = [x * inverse for x in offset]
     along = sum(s * rate for s, rate in zip(slopes, rates, strict=True))
     return slopes, (sum(rate * rate for rate in rates) - along * along) * inverse
 
 
-def turned(T_world_frame: Any, v: Point, back: bool = False) -> Point:
+def rotated(T_world_frame: Any, v: Point, back: bool = False) -> Point:
     """World vectors in frames [O, 4, 4]: `R^T v`; with `back`, vectors of the frames in the world: `R v`."""
     T = jnp.asarray(T_world_frame, v[0].dtype)
     x, y, z = (dot(components(T[..., i, :3] if back else T[..., :3, i]), v) for i in range(3))
@@ -121,7 +114,7 @@ def turned(T_world_frame: Any, v: Point, back: bool = False) -> Point:
 def to_local(T_world_frame: Any, p: Point) -> Point:
     """World points in frames [O, 4, 4]: `R^T (p - t)`."""
     T = jnp.asarray(T_world_frame, p[0].dtype)
-    return turned(T, difference(p, components(T[..., :3, 3])))
+    return rotated(T, difference(p, components(T[..., :3, 3])))
 
 
 def gradient(field: Field, p: Point) -> Point:

@@ -7,10 +7,11 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
+from .._linalg import length
 from .._pytree import pytree
-from .._ranges import require
+from .._ranges import Finite, NonNegative
 from .._task_map import check_rigid
-from ._components import corner_derivatives, length, length_derivatives, magnitude, outside_corner, to_local, turned
+from ._components import corner_derivatives, length_derivatives, magnitude, outside_corner, rotated, to_local
 from ._obstacles import PaddedObstacles, padded, set_fields
 
 
@@ -32,19 +33,18 @@ class Cylinders(PaddedObstacles):
     """
 
     T_world_cylinder: Any
-    radius: Any
-    half_length: Any
+    radius: NonNegative[Finite[Any]]
+    half_length: NonNegative[Finite[Any]]
     active: Any = None
 
     def __post_init__(self):
         set_fields(self, T_world_cylinder=(4, 4), radius=(), half_length=())
         if self.size and not isinstance(self.T_world_cylinder, Tracer):
             check_rigid(self.T_world_cylinder, "T_world_cylinder")
-        require(self, finite=("radius", "half_length"), non_negative=("radius", "half_length"))
 
     @classmethod
     def of(cls, cylinders: Iterable = (), capacity: int | None = None) -> "Cylinders":
-        """Cylinders from triples (T_world_cylinder, radius, half_length), padded to `capacity` slots."""
+        """Cylinders from `cylinders`, triples (T_world_cylinder, radius, half_length), padded to `capacity` slots."""
         (T, radius, half_length), active = padded("Cylinders", cylinders, capacity, (np.eye(4), 0.0, 0.0))
         return cls(T, radius, half_length, active)
 
@@ -54,12 +54,12 @@ class Cylinders(PaddedObstacles):
 
     def derivatives(self, p, v):
         (x, y, z), faces = self._local(p)
-        vx, vy, vz = turned(self.T_world_cylinder, v)
+        vx, vy, vz = rotated(self.T_world_cylinder, v)
         outwards, side_bend = length_derivatives((x, y), (vx, vy))
         sign = jnp.where(z >= 0, 1, -1).astype(z.dtype)
         slopes, bend = corner_derivatives(faces, (outwards[0] * vx + outwards[1] * vy, sign * vz))
         normal = (slopes[0] * outwards[0], slopes[0] * outwards[1], slopes[1] * sign)
-        return turned(self.T_world_cylinder, normal, back=True), bend + slopes[0] * side_bend
+        return rotated(self.T_world_cylinder, normal, back=True), bend + slopes[0] * side_bend
 
     def _local(self, p):
         """Points in the cylinders' frames, and their signed distances to side and nearer end."""

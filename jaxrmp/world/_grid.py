@@ -8,10 +8,11 @@ import numpy as np
 from jax.core import Tracer
 
 from .._errors import ShapeError
+from .._linalg import length
 from .._pytree import pytree, set_field, static
-from .._ranges import require
+from .._ranges import Finite, Positive
 from .._task_map import check_rigid
-from ._components import along, difference, length, to_local
+from ._components import along, difference, to_local
 from ._obstacles import Obstacles
 
 _SAMPLES = 17
@@ -44,9 +45,9 @@ class SignedDistanceGrid(Obstacles):
     [0.5]
     """
 
-    values: Any
-    origin: Any = (0.0, 0.0, 0.0)
-    spacing: Any = 1.0
+    values: Finite[Any]
+    origin: Finite[Any] = (0.0, 0.0, 0.0)
+    spacing: Positive[Finite[Any]] = 1.0
     T_world_grid: Any = None
     active: Any = True
     smooth: bool = static(default=True)
@@ -62,7 +63,6 @@ class SignedDistanceGrid(Obstacles):
                 f"origin, spacing and active have shapes {self.origin.shape}, {self.spacing.shape} and "
                 f"{jnp.shape(self.active)}, expected (3,), () and ()."
             )
-        require(self, finite=("values", "origin", "spacing"), positive=("spacing",))
         if not isinstance(T, Tracer) and check_rigid(T, "T_world_grid").ndim != 2:
             raise ShapeError(f"T_world_grid has shape {np.shape(T)}, expected (4, 4).")
         set_field(self, "T_world_grid", T if isinstance(T, jax.Array) else np.asarray(T, dtype=float))

@@ -10,7 +10,7 @@ from jax.core import Tracer
 
 from .._errors import ConfigurationError
 from .._pytree import pytree, set_field
-from .._ranges import require
+from .._ranges import Finite
 from ._components import components, dot
 from ._obstacles import PaddedObstacles, padded, set_fields
 
@@ -29,13 +29,12 @@ class HalfSpaces(PaddedObstacles):
     [0.5]
     """
 
-    normal: Any
-    offset: Any
+    normal: Finite[Any]
+    offset: Finite[Any]
     active: Any = None
 
     def __post_init__(self):
         set_fields(self, normal=(3,), offset=())
-        require(self, finite=("normal", "offset"))
         numerics: Any = jnp if isinstance(self.normal, jax.Array) else np
         size = numerics.sqrt((self.normal * self.normal).sum(-1))
         if not isinstance(size, Tracer) and (np.asarray(size) == 0).any():
@@ -47,7 +46,7 @@ class HalfSpaces(PaddedObstacles):
 
     @classmethod
     def of(cls, half_spaces: Iterable = (), capacity: int | None = None) -> "HalfSpaces":
-        """Half-spaces from pairs (normal, offset), padded to `capacity` slots."""
+        """Half-spaces from `half_spaces`, pairs (normal, offset), padded to `capacity` slots."""
         (normal, offset), active = padded("HalfSpaces", half_spaces, capacity, ((0.0, 0.0, 1.0), 0.0))
         return cls(normal, offset, active)
 

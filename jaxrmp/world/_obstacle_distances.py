@@ -10,7 +10,7 @@ import numpy as np
 from .._errors import ShapeError
 from .._forms import DiagonalForm, NaturalForm
 from .._pytree import pytree, set_field
-from .._ranges import require
+from .._ranges import Finite, NonNegative
 from .._task_map import Pushforward, TaskMap, Transport, pull_form, pushforward, transport
 from ..xla import one_loop
 from ._components import Point, columns, dot
@@ -36,7 +36,7 @@ class ObstacleDistances(TaskMap):
 
     points: Callable[[jax.Array], jax.Array]
     world: World
-    radii: Any = 0.0
+    radii: NonNegative[Finite[Any]] = 0.0
 
     def __post_init__(self):
         set_radii(self)
@@ -44,8 +44,8 @@ class ObstacleDistances(TaskMap):
     def __call__(self, x):
         p = self.points(x)
         radii = radii_of_points(self.radii, p)
-        distance = self.world.of_each(p, lambda kind: kind.distance(columns(p))) - radii[:, None]
-        return self.world.only_active(distance, FAR).reshape(-1)
+        distance = self.world.over_kinds(p, lambda kind: kind.distance(columns(p))) - radii[:, None]
+        return self.world.mask_inactive(distance, FAR).reshape(-1)
 
     def pushforward(self, x, xd):
         at = pushforward(self.points, x, xd)
@@ -124,10 +124,9 @@ def carried(d: jax.Array, g: Point, bend: jax.Array, at: Pushforward) -> Pushfor
 
 
 def set_radii(distances: Any) -> None:
-    """Make an array of the `radii` of a map to distances. **Raises** `ConfigurationError` if one is negative."""
+    """Make an array of the `radii` of a map to distances."""
     radii = distances.radii
     set_field(distances, "radii", radii if isinstance(radii, jax.Array) else np.asarray(radii, dtype=float))
-    require(distances, finite=("radii",), non_negative=("radii",))
 
 
 def radii_of_points(radii: Any, p: jax.Array) -> jax.Array:

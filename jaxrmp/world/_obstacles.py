@@ -32,18 +32,18 @@ class Obstacles:
         return jnp.shape(self.active)[-1]
 
     def distance(self, p: Point) -> jax.Array:
-        """Signed distance of points, m, as if all slots were active; components [..., 1] or [..., n] to [..., n]."""
+        """Signed distance of points `p`, m, as if all slots were active: from components [..., 1 or n] to [..., n]."""
         raise NotImplementedError
 
     def derivatives(self, p: Point, v: Point) -> tuple[Point, jax.Array]:
-        """Gradient of the distance at p, and its second derivative along v: `grad d` and `v^T H v`.
+        """Gradient of the distance at `p`, and its second derivative along `v`: `grad d` and `v^T H v`.
 
         By autodiff; where a closed form is as short as the distance itself, a kind gives it.
         """
         return gradient(self.distance, p), curvature(self.distance, p, v, v)
 
     def nearest_on_segment(self, a: Point, b: Point) -> jax.Array:
-        """The t in [0, 1] at which `distance(a + t (b - a))` is least, for a convex obstacle.
+        """The t in [0, 1] at which `distance(a + t (b - a))` is least, from `a` to `b`, for a convex obstacle.
 
         Bisection of the slope, which rises with t, and one Newton step inside the last bracket.
         """

@@ -11,10 +11,10 @@ import numpy as np
 
 from .._errors import ConfigurationError, RobotError, UnknownNameError
 from .._pytree import pytree, set_field, static
-from .._ranges import require, require_number
+from .._ranges import Finite, NonNegative, require_number
+from .._rotations import rotation_of_quaternion
 from ..kinematics import PANDA_MODEL, ControlPoints, Robot
 from ..kinematics._mujoco import import_mujoco
-from ..kinematics._quaternions import rotation_of_quaternion
 from ._cover import cover_box, cover_capsule, cover_convex_hull, cover_cylinder, cover_ellipsoid
 
 
@@ -36,7 +36,7 @@ class RobotSpheres:
 
     frames: tuple[str, ...] = static()
     offsets: jax.Array | np.ndarray
-    radii: jax.Array | np.ndarray
+    radii: NonNegative[Finite[jax.Array | np.ndarray]]
     coverage_error: float = static(default=float("nan"))
 
     def __post_init__(self):
@@ -47,7 +47,6 @@ class RobotSpheres:
                 f"{len(self.frames)} frames with offsets of shape {offsets} and radii of shape {radii}: expected one "
                 "row and one radius a frame."
             )
-        require(self, finite=("radii",), non_negative=("radii",))
 
     @property
     def size(self) -> int:
@@ -62,19 +61,30 @@ class RobotSpheres:
         for name in frames:
             if name not in self.frames:
                 raise UnknownNameError("frame with spheres", name, tuple(dict.fromkeys(self.frames)))
-        rows = np.array([i for i, name in enumerate(self.frames) if name not in frames], int)
-        if not rows.size:
+        rows = [i for i, name in enumerate(self.frames) if name not in frames]
+        if not rows:
             raise ConfigurationError(f"no sphere is left without those on {sorted(set(frames))}.")
-        kept = tuple(self.frames[i] for i in rows)
-        return RobotSpheres(kept, self.offsets[rows], self.radii[rows], self.coverage_error)
+        return self._of(rows)
+
+    def moving(self, robot: Robot) -> "RobotSpheres":
+        """The spheres that some joint moves, perhaps none: the others, of a base or of a link that turns about its own
+        axis, can avoid nothing, and may touch what they stand on."""
+        rows = [
+            i for i, (name, at) in enumerate(zip(self.frames, self.offsets, strict=True)) if _moves(robot, name, at)
+        ]
+        return self._of(rows)
+
+    def _of(self, rows: list[int]) -> "RobotSpheres":
+        frames = tuple(self.frames[i] for i in rows)
+        return RobotSpheres(frames, self.offsets[rows], self.radii[rows], self.coverage_error)
 
     def points(self, robot: Robot) -> ControlPoints:
-        """The task map from joint positions to the centres [K, 3]. **Raises** `UnknownNameError` for a frame."""
+        """The task map from joint positions of `robot` to the centres [K, 3]. **Raises** `UnknownNameError`."""
         return ControlPoints(robot, self.frames, self.offsets)
 
 
 def spheres_from_model(
-    source: str | os.PathLike, max_error: float = 0.01, *, frames: Sequence[str] | None = None
+    source: str | os.PathLike | Any, max_error: float = 0.01, *, frames: Sequence[str] | None = None
 ) -> RobotSpheres:
     """Cover the geometry of an MJCF or URDF file with spheres.
 
@@ -82,15 +92,16 @@ def spheres_from_model(
     cylinders and ellipsoids are covered as they are, meshes as their convex hulls, which is how MuJoCo collides them.
     Geometry fixed to the world, and planes and height fields, are scenery and left out.
 
-    **Arguments**: `source`, the file (its meshes must be there); `max_error`, how far spheres may stick out of the
-    geometry, m: the smaller, the more spheres (a solid other than a capsule or a
-    sphere needs about its volume over the cube of this); `frames`, the bodies to cover, by default all.
+    **Arguments**: `source`, the file (its meshes must be there), or a `mujoco.MjModel`; `max_error`, how far spheres
+    may stick out of the geometry, m: the smaller, the more spheres (a solid other than a capsule or a sphere needs
+    about its volume over the cube of this); `frames`, the bodies to cover, by default all.
     **Returns** `RobotSpheres` whose frames are bodies; its `coverage_error` is the largest protrusion there is.
     **Raises** `RobotError` if the file cannot be read, `ConfigurationError` if `max_error` is not positive, asks for
     too many spheres, or `frames` names a body without geometry.
     """
-    require_number("spheres_from_model", "max_error", max_error, "positive")
-    return _cover_model(geometry_of_model(source), max_error, frames, str(source))
+    require_number("spheres_from_model", "max_error", max_error)
+    model = geometry_of_model(source) if isinstance(source, str | os.PathLike) else source
+    return cover_model(model, max_error, frames, str(source))
 
 
 def geometry_of_model(source: str | os.PathLike) -> Any:
@@ -109,11 +120,25 @@ def geometry_of_model(source: str | os.PathLike) -> Any:
 
 @functools.cache
 def panda_spheres(max_error: float = 0.015) -> RobotSpheres:
-    """Spheres for the built-in Panda, from its own geometry: by default 37 spheres that stick out 1.4 cm."""
+    """Spheres for the built-in Panda that stick out of its own geometry by `max_error`, m, at most: by default 37."""
     return spheres_from_model(PANDA_MODEL, max_error)
 
 
-def _cover_model(m, max_error, only, source) -> RobotSpheres:
+def _moves(robot: Robot, frame: str, offset: Any) -> bool:
+    """Whether a joint moves a point of a frame: one on the axes of all revolute joints above it stays where it is."""
+    model, at = robot.model, robot.model.frames[robot.frame_index(frame)]
+    p = np.reshape(at.rotation, (3, 3)) @ np.asarray(offset, float) + at.position
+    for body in reversed(model.path(at.body)):
+        for joint in (model.joints[i] for i in reversed(model.joints_of_body[body])):
+            held = joint.coordinate < 0 and joint.offset == joint.reference
+            on_axis = joint.kind == "revolute" and np.allclose(np.cross(joint.axis, p - joint.anchor), 0, atol=1e-9)
+            if not held and not on_axis:
+                return True
+        p = np.reshape(model.bodies[body].rotation, (3, 3)) @ p + model.bodies[body].position
+    return False
+
+
+def cover_model(m, max_error, only, source) -> RobotSpheres:
     geoms = [g for g in range(m.ngeom) if m.geom_bodyid[g] > 0]
     colliding = [g for g in geoms if m.geom_contype[g] or m.geom_conaffinity[g]]
     names, offsets, radii, error = [], [], [], 0.0

@@ -10,13 +10,15 @@ from jax.lax import Precision
 
 from .._errors import ConfigurationError, ShapeError
 from .._forms import DiagonalForm, NaturalForm
+from .._linalg import length
 from .._pytree import pytree, set_field, static
+from .._ranges import Finite, NonNegative
 from .._task_map import Pushforward, TaskMap, Transport, pushforward, transport_by_jacobian
 from ..kinematics import ControlPoints
 from ..kinematics._jacobian import line_rows
 from ..kinematics._scalars import cross
 from ..xla import materialise
-from ._components import components, dot, length, length_derivatives
+from ._components import components, dot, length_derivatives
 from ._obstacle_distances import radii_of_points, set_radii
 
 
@@ -37,7 +39,7 @@ class SelfDistances(TaskMap):
 
     points: Callable[[jax.Array], jax.Array]
     pairs: tuple[tuple[int, int], ...] = static()
-    radii: Any = 0.0
+    radii: NonNegative[Finite[Any]] = 0.0
 
     def __post_init__(self):
         given: Iterable = self.pairs

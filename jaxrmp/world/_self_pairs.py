@@ -23,21 +23,21 @@ def self_pairs(
     frames that it may touch, as in an XRDF's `self_collision`; each holds both ways.
     **Returns** pairs (i, j), i < j, for `SelfDistances`. **Raises** `UnknownNameError` for a frame that is not there.
     """
-    links = {name: _link(robot, name) for name in frames}
+    links = {name: link_of(robot, name) for name in frames}
     touching = {frozenset(pair) for pair in _neighbours(robot)}
     for name, others in (ignore or {}).items():
         touching |= {frozenset((_name_of(robot, name), _name_of(robot, other))) for other in others}
     pairs = []
     for j, second in enumerate(frames):
         for i, first in enumerate(frames[:j]):
-            apart = links[first] != links[second]
-            if apart and not {frozenset((links[first], links[second])), frozenset((first, second))} & touching:
+            distinct = links[first] != links[second]
+            if distinct and not {frozenset((links[first], links[second])), frozenset((first, second))} & touching:
                 pairs.append((i, j))
     return tuple(pairs)
 
 
 def ignored_by_model(source: str | os.PathLike) -> dict[str, tuple[str, ...]]:
-    """For each body of an MJCF or URDF file, the bodies it never touches in simulation, as `self_pairs` takes them.
+    """For each body of the MJCF or URDF file `source`, those it never touches in simulation, as for `self_pairs`.
 
     These are the pairs that `contact/exclude` names, and those of which no two geometries have `contype` and
     `conaffinity` that meet. Bodies without geometry that collides are left out.
@@ -62,7 +62,7 @@ def ignored_by_model(source: str | os.PathLike) -> dict[str, tuple[str, ...]]:
 
 @functools.cache
 def panda_self_pairs(max_error: float = 0.015) -> tuple[tuple[int, int], ...]:
-    """The pairs of `panda_spheres(max_error)` that can meet: wrist and hand against the base, as in its own model."""
+    """The pairs of `panda_spheres`, of the same `max_error`, that can meet: wrist and hand against the base."""
     return self_pairs(panda(), panda_spheres(max_error).frames, ignored_by_model(PANDA_MODEL))
 
 
@@ -72,7 +72,7 @@ def _name_of(robot: Robot, name: str) -> str:
     return name
 
 
-def _link(robot: Robot, name: str) -> int:
+def link_of(robot: Robot, name: str) -> int:
     """The body that carries the frame and all that is rigidly joined to it."""
     return _rigid_root(robot, robot.model.frames[robot.frame_index(name)].body)
 

@@ -5,9 +5,10 @@ from typing import Any
 
 import jax.numpy as jnp
 
+from .._linalg import length
 from .._pytree import pytree
-from .._ranges import require
-from ._components import components, difference, dot, fraction, length, length_derivatives
+from .._ranges import Finite, NonNegative
+from ._components import components, difference, dot, fraction, length_derivatives
 from ._obstacles import PaddedObstacles, padded, set_fields
 
 
@@ -23,17 +24,16 @@ class Spheres(PaddedObstacles):
     [1.5, 1000.0]
     """
 
-    center: Any
-    radius: Any
+    center: Finite[Any]
+    radius: NonNegative[Finite[Any]]
     active: Any = None
 
     def __post_init__(self):
         set_fields(self, center=(3,), radius=())
-        require(self, finite=("center", "radius"), non_negative=("radius",))
 
     @classmethod
     def of(cls, spheres: Iterable = (), capacity: int | None = None) -> "Spheres":
-        """Spheres from pairs (center, radius), padded to `capacity` slots."""
+        """Spheres from `spheres`, pairs (center, radius), padded to `capacity` slots."""
         (center, radius), active = padded("Spheres", spheres, capacity, ((0.0, 0.0, 0.0), 0.0))
         return cls(center, radius, active)
 

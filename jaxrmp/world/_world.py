@@ -85,13 +85,13 @@ class World:
         p = jnp.asarray(p)
         if p.shape[-1:] != (3,):
             raise ShapeError(f"p has shape {p.shape}, expected [..., 3].")
-        return self.only_active(self.of_each(p, lambda kind: kind.distance(columns(p))), FAR)
+        return self.mask_inactive(self.over_kinds(p, lambda kind: kind.distance(columns(p))), FAR)
 
-    def of_each(self, like: jax.Array, evaluate: Any) -> jax.Array:
-        """`evaluate(kind)` [..., n] of every kind, side by side [..., O]; `like` [..., 3] gives shape and type."""
+    def over_kinds(self, like: jax.Array, evaluate: Any) -> jax.Array:
+        """`evaluate`, `kind -> [..., n]`, of every kind, side by side [..., O]; `like` [..., 3] gives the shape."""
         none = jnp.zeros((*like.shape[:-1], 0), like.dtype)
         return jnp.concatenate([none, *(evaluate(kind) for kind in self.kinds)], axis=-1)
 
-    def only_active(self, values: jax.Array, otherwise: float) -> jax.Array:
-        """`values` [..., O] with those of inactive slots replaced."""
-        return jnp.where(self.active, values, otherwise)
+    def mask_inactive(self, values: jax.Array, fill: float) -> jax.Array:
+        """`values` [..., O] with `fill` in place of those of inactive slots."""
+        return jnp.where(self.active, values, fill)

@@ -36,7 +36,7 @@ class _Slot(NamedTuple):
 
 
 class Compiled:
-    """A compiled function of arguments of fixed shapes and types; what `compiled` returns.
+    """A compiled `function` of arguments with the shapes and types of `examples`; what `compiled` returns.
 
     Any number of threads may call it; they take turns. `one_kernel` says whether XLA made one kernel of the program,
     and `reason` why not.

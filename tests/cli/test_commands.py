@@ -27,19 +27,14 @@ CONFIG = str(Path(__file__).parents[2] / "configs" / "drawer_closing.toml")
 FAST = ["--metric.updates", "100", "--potential.widths", "[0.05]", "--potential.basin_starts=100"]
 
 
-@pytest.fixture(scope="module")
-def demos(tmp_path_factory) -> str:
-    folder = tmp_path_factory.mktemp("demos") / "drawer"
-    assert main(["demonstrate", "drawer_closing", str(folder)]) == 0
-    return str(folder)
+@pytest.fixture
+def demos(drawer_demonstrations) -> str:
+    return str(drawer_demonstrations)
 
 
-@pytest.fixture(scope="module")
-def learned(demos, tmp_path_factory) -> Path:
-    out = tmp_path_factory.mktemp("learned")
-    command = ["learn", CONFIG, "--demos", demos, "--out", str(out), "--json", str(out / "learned.json")]
-    assert main([*command, *FAST]) == 0
-    return out
+@pytest.fixture
+def learned(learned_drawer) -> Path:
+    return learned_drawer
 
 
 def test_learn_writes_skill_report_pictures_and_what_made_them(learned, demos):

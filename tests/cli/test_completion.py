@@ -58,7 +58,7 @@ def test_the_script_of_every_shell_has_every_option(shell, capsys):
 def test_the_script_for_zsh_is_made_of_whole_words():
     words = shlex.split(zsh_script())  # an unbalanced quotation mark is an error
     assert "run:run a skill in physics" in words
-    assert "--scene[where]:scene:(drawer drawer_obstacle door)" in words
+    assert any(w.startswith("--scene[") and w.endswith(":SCENE:(drawer drawer_obstacle door)") for w in words)
     assert "--quiet[show no progress, results and errors only];;" in words
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from jax.tree_util import Partial
 
-from jaxrmp import GDS
+from jaxrmp import GeometricDynamicalSystem
 
 
 @pytest.fixture
@@ -67,7 +67,7 @@ def random_gds():
     def make(seed, m, speed=0.0, name="gds"):
         rng = np.random.default_rng(seed)
         root = rng.normal(size=(m, m))
-        return GDS(
+        return GeometricDynamicalSystem.of(
             Partial(warped_metric, jnp.asarray(rng.normal(size=(m * m, m))), jnp.asarray(rng.normal(size=m)), speed),
             Partial(log_cosh_potential, jnp.asarray(rng.normal(size=m))),
             Partial(constant_damping, jnp.asarray(root @ root.T)),

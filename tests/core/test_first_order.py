@@ -9,9 +9,9 @@ import pytest
 from jax.tree_util import Partial
 
 from jaxrmp import (
-    GDS,
     Batched,
     ConfigurationError,
+    GeometricDynamicalSystem,
     Leaf,
     NaturalForm,
     Translation,
@@ -45,7 +45,7 @@ def learned(speed=0.3, damping_rate=20.0):
 
 def damping(weight, rate, n):
     """Damping of every joint with a metric of its own."""
-    return GDS(
+    return GeometricDynamicalSystem.of(
         Partial(lambda w, x, xd: w * jnp.eye(n), weight),
         Partial(lambda x: 0.0 * x[0]),
         Partial(lambda b, x, xd: b * jnp.eye(n), weight * rate),

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from jax.tree_util import Partial
 
-from jaxrmp import GDS, SeparableGDS, acceleration, batched, certificate, compose, pullback
+from jaxrmp import GeometricDynamicalSystem, SeparableGDS, acceleration, batched, certificate, compose, pullback
 from jaxrmp._pytree import pytree, static
 from jaxrmp._task_map import Distance
 from jaxrmp.leaves import Damping, JointLimit, Learned, NominalPotential
@@ -41,7 +41,9 @@ def collision_as_gds(eps, alpha, eta):
     def potential(x):
         return 0.5 * alpha * jnp.sum(x**-8.0)
 
-    return GDS(Partial(metric), Partial(potential), Partial(lambda x, xd: eta * metric(x, xd)), "collision")
+    return GeometricDynamicalSystem.of(
+        Partial(metric), Partial(potential), Partial(lambda x, xd: eta * metric(x, xd)), "collision"
+    )
 
 
 @pytest.mark.parametrize("eta", [0.0, 0.5])
@@ -192,7 +194,7 @@ def test_a_velocity_dependent_tree_of_several_dimensions_keeps_the_certificate_b
 def test_without_curvature_terms_there_is_no_certificate(random_gds):
     """The certificate is measured, not assumed: it must notice a leaf that forgets its Christoffel force."""
 
-    class Forgetful(GDS):
+    class Forgetful(type(random_gds(0, 3))):
         def __call__(self, x, xd):
             form = super().__call__(x, xd)
             flat = -jax.grad(self.potential)(x) - self.damping(x, xd) @ xd

@@ -19,7 +19,6 @@ OPTIONAL = [
     "matplotlib",
     "torch",
     "scipy",
-    "dtaidistance",
     "viser",
     "trimesh",
     "playwright",
@@ -44,19 +43,23 @@ LAYERS = {
     "kinematics": set(),
     "world": {"kinematics"},
     "inspection": set(),
+    "policies": {"leaves", "kinematics", "world"},
     "io": {"kinematics", "leaves", "world"},
     "scenes": {"kinematics", "world"},
     "simulation": {"inspection", "kinematics", "leaves", "scenes", "world"},
     "learning": {"leaves", "kinematics", "simulation"},
     "synthetic": {"kinematics", "learning"},
-    "evaluation": {"leaves", "kinematics", "learning", "scenes", "simulation", "world"},
+    "reports": set(),
+    "evaluation": {"leaves", "kinematics", "learning", "policies", "reports", "scenes", "simulation", "world"},
     "visualization": {"evaluation", "inspection", "leaves", "kinematics", "learning", "scenes", "simulation"},
-    "viewer": {"inspection", "kinematics", "leaves", "learning", "scenes", "simulation", "world"},
+    "viewer": {"inspection", "kinematics", "leaves", "learning", "policies", "scenes", "simulation", "world"},
     "cli": {
         "evaluation",
         "leaves",
         "kinematics",
         "learning",
+        "policies",
+        "reports",
         "scenes",
         "simulation",
         "synthetic",
@@ -140,6 +143,28 @@ def test_the_walk_sees_the_imports_it_judges():
     assert (True, "jaxrmp._pytree.pytree") in seen
     assert (True, "flax.linen") in seen
     assert (False, "mujoco") in seen and (True, "mujoco") not in seen
+
+
+def test_parts_that_need_optional_packages_are_there_on_first_use():
+    lazy = (
+        {p.name for p in PACKAGE.iterdir() if p.is_dir() and any(p.glob("*.py"))} - LAYERS["core"] - {"leaves", "cli"}
+    )
+    program = f"""
+import sys, jaxrmp
+assert set({sorted(lazy)}) <= set(dir(jaxrmp)) and not any("jaxrmp." + name in sys.modules for name in {sorted(lazy)})
+assert jaxrmp.learning.load_skill is sys.modules["jaxrmp.learning"].load_skill
+assert jaxrmp.policies.damping().weight == 0.02
+try:
+    jaxrmp.lerning
+except AttributeError as error:
+    assert "'jaxrmp' has no attribute 'lerning'" in str(error)
+else:
+    raise AssertionError("a name that is not there")
+"""
+    run = subprocess.run(
+        [sys.executable, "-c", program], check=False, capture_output=True, text=True, cwd=PACKAGE.parent
+    )
+    assert run.returncode == 0, run.stderr
 
 
 def test_every_part_has_a_layer():

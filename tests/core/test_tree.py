@@ -17,12 +17,14 @@ from jaxrmp import (
     LeafError,
     NaturalForm,
     Pointwise,
+    Scaled,
     ShapeError,
     Sum,
     acceleration,
     batched,
     certificate,
     compose,
+    map_tree,
     pullback,
     pushforward,
     stack,
@@ -304,3 +306,53 @@ def test_a_leaf_that_a_tree_would_pass_over_cannot_be_written():
 
     x = jnp.ones(2)
     np.testing.assert_array_equal(Both()(x, x).f, (Both() + Damping(0.0))(x, x).f)
+
+
+def test_plain_functions_are_task_maps_under_jit_and_vmap_over_trees():
+    scale = jnp.asarray(2.0)
+    points = compose(lambda q: jnp.stack([q, q + 1]), Pointwise(lambda p: p[:1]))
+    tree = pullback(lambda q: scale * q[:2], Attractor(jnp.ones(2))) + Damping(0.1)
+    tree = tree + pullback(points, Batched(Damping(), shared=True))
+    q, qd = (a[0] for a in states(13, 3))
+    np.testing.assert_allclose(jax.jit(acceleration)(tree, q, qd), acceleration(tree, q, qd), rtol=1e-12)
+    trees = jax.tree.map(lambda a: jnp.stack([jnp.asarray(a), 2 * jnp.asarray(a)]), tree)
+    both = jax.jit(jax.vmap(acceleration, (0, None, None)))(trees, q, qd)
+    np.testing.assert_allclose(both[0], acceleration(tree, q, qd), rtol=1e-12)
+    free = GeometricDynamicalSystem.of(lambda x, xd: jnp.eye(3), lambda x: x @ x, lambda x, xd: jnp.eye(3))
+    np.testing.assert_allclose(jax.jit(acceleration)(free, q, qd), -2 * q - qd, rtol=1e-12)
+
+
+def test_what_is_measured_together_is_what_each_function_gives(random_map, random_gds):
+    tree = whole_tree(random_map, random_gds)
+    x, xd = states(14, 4)
+
+    @jax.jit
+    @jax.vmap
+    def both(x, xd):
+        return tree.measure(x, xd), (tree.evaluate(x, xd), tree.energy(x, xd), tree.dissipation(x, xd))
+
+    together, apart = both(x, xd)
+    jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-12), tuple(together), apart)
+
+
+def test_a_sum_of_nothing_is_no_policy(random_gds):
+    leaf, nothing = random_gds(0, 3), Sum(())
+    x, xd = (a[0] for a in states(15, 3))
+    jax.tree.map(np.testing.assert_array_equal, (leaf + nothing).measure(x, xd), leaf.measure(x, xd))
+    assert not np.any(nothing(x, xd).M) and nothing.energy(x, xd) == 0 and nothing.leaves() == ()
+
+
+def test_a_tree_is_mapped_leaf_by_leaf_and_map_by_map(random_map, random_gds):
+    tree = whole_tree(random_map, random_gds)
+    x, xd = (a[0] for a in states(16, 4))
+    off = map_tree(tree, lambda leaf: Scaled(leaf, 0.0) if leaf.name == "gds" else leaf)
+    rest = Sum(tree.nodes[1:])
+    np.testing.assert_allclose(off(x, xd).f, rest(x, xd).f, rtol=1e-12)
+    np.testing.assert_allclose(off.energy(x, xd), rest.energy(x, xd), rtol=1e-12)
+    moved = map_tree(
+        pullback(Affine(jnp.eye(4), jnp.zeros(4)), Attractor(jnp.ones(4))),
+        lambda leaf: replace(leaf, goal=2 * leaf.goal),
+        lambda task_map: replace(task_map, b=jnp.ones(4)),
+    )
+    np.testing.assert_allclose(moved(x, xd).f, Attractor(2 * jnp.ones(4))(x + 1, xd).f, rtol=1e-12)
+    assert jax.tree.structure(map_tree(tree)) == jax.tree.structure(tree)

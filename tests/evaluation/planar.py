@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.tree_util import Partial
 
-from jaxrmp import GDS, Distance, TaskMap, pytree
+from jaxrmp import Distance, GeometricDynamicalSystem, TaskMap, pytree
 from jaxrmp.evaluation import evaluate, join_processes, sample_starts
 from jaxrmp.leaves import JointLimit
 from jaxrmp.simulation import KinematicEngine, Problem, StopCriteria
@@ -49,7 +49,7 @@ def damping(x, xd):
 
 
 def planar(height: float = 1.0) -> Problem:
-    leaf = GDS(Partial(mass), Partial(potential, jnp.float32(height)), Partial(damping))
+    leaf = GeometricDynamicalSystem.of(Partial(mass), Partial(potential, jnp.float32(height)), Partial(damping))
     obstacle = One(Distance(jnp.array([-1.5, -1.5]), 0.3))
     row = Row()
     return Problem(leaf + LIMITS, row, row, LIMITS.lower, LIMITS.upper, (obstacle,))

@@ -8,15 +8,19 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import jax
 import numpy as np
 import pytest
 
 from jaxrmp import ConfigurationError, ShapeError
-from jaxrmp.evaluation import End, check_starts, classify_ends, evaluate, regions, replay, sample_starts, starts_around
+from jaxrmp.cli._output import write_json
+from jaxrmp.evaluation import check_starts, classify_ends, evaluate, regions, replay, sample_starts, starts_around
 from jaxrmp.evaluation import rest_points as gather_rest_points
-from jaxrmp.simulation import Devices, KinematicEngine, Status, StopCriteria, largest_batch, simulate
+from jaxrmp.evaluation._report import _certificate
+from jaxrmp.evaluation._stability import CertificateWatch
+from jaxrmp.simulation import Devices, End, KinematicEngine, StopCriteria, largest_batch, simulate
 
 _FILE = Path(__file__).with_name("planar.py")
 _SPEC = importlib.util.spec_from_file_location("planar", _FILE)
@@ -58,6 +62,21 @@ def test_energy_falls_and_the_certificate_holds_on_the_way(evaluation):
     assert (evaluation.energy_increase < 1e-3).all()
     assert (evaluation.residual < 1e-3).all() and (evaluation.growth < 1e-4).all()
     assert evaluation.uncertified == ()
+
+
+def test_a_certificate_that_is_not_a_number_stays_seen(problem, evaluation, tmp_path):
+    watch = CertificateWatch(problem, 3)
+    good, bad = np.full((3, 2), 0.1, np.float32), np.full((3, 2), 0.1, np.float32)
+    bad[1] = np.nan
+    for q in (good, bad, good):
+        watch(np.array([0, 1, -1]), SimpleNamespace(q=q, qd=np.zeros((3, 2), np.float32)))
+    assert np.isnan(watch.residual).tolist() == np.isnan(watch.growth).tolist() == [False, True, False]
+    assert watch.residual[0] < 1e-3 and watch.residual[2] == 0  # the third place was nobody's
+    told = _certificate(evaluation._replace(residual=watch.residual, growth=watch.growth))
+    assert np.isnan([told["max_residual"], told["max_growth_rate"]]).all() and told["starts_not_a_number"] == 1
+    assert _certificate(evaluation)["starts_not_a_number"] == 0
+    write_json(told, tmp_path / "told.json")
+    assert json.loads((tmp_path / "told.json").read_text())["max_residual"] is None
 
 
 def test_what_is_kept_on_the_way_is_what_a_trajectory_shows(problem, engine, evaluation):
@@ -180,4 +199,4 @@ def test_a_rest_in_contact_is_told_apart(problem, evaluation):
     kind = classify_ends(problem, planar.LIMITS, outcomes).kind
     assert kind[spurious[0]] == End.HELD_BY_CONTACT
     assert (kind[spurious[1:]] == End.SPURIOUS).all()
-    assert (outcomes.status[kind == End.SPURIOUS] == Status.RESTING).all()
+    assert (outcomes.status[kind == End.SPURIOUS] == End.RESTING).all()

@@ -19,7 +19,8 @@ import jax, jax.numpy as jnp, numpy as np
 from jaxrmp.evaluation import classify_ends
 from jaxrmp.kinematics import ControlPoints, panda
 from jaxrmp.leaves import Damping, Posture
-from jaxrmp.simulation import MjxEngine, MujocoEngine, Problem, StopCriteria, arm_alone, simulate
+from jaxrmp.scenes import arm_alone
+from jaxrmp.simulation import MjxEngine, MujocoEngine, Problem, StopCriteria, simulate
 from jaxrmp import Translation, compose
 
 robot, goal = panda(), np.array([0.0, -0.3, 0.0, -1.9, 0.0, 1.7, 0.8], np.float32)

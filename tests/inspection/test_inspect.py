@@ -7,23 +7,26 @@ import pytest
 from jax.tree_util import Partial
 
 from jaxrmp import (
-    GDS,
     Affine,
     Batched,
+    GeometricDynamicalSystem,
     Leaf,
     NaturalForm,
     Node,
     Pointwise,
+    Scaled,
     SeparableGDS,
     ShapeError,
     Sum,
     acceleration,
     batched,
+    certificate,
+    map_tree,
     pullback,
     pytree,
     static,
 )
-from jaxrmp.inspection import gap, inspect, table
+from jaxrmp.inspection import inspect, table
 from jaxrmp.kinematics import ControlPoints, panda
 from jaxrmp.leaves import Attractor, Damping, JointLimit, Posture, lula
 
@@ -95,7 +98,9 @@ def bowl_damping(A, x, xd):
 
 def bowl(seed, m, name):
     A = jnp.asarray(np.random.default_rng(seed).normal(size=(m, m)))
-    return GDS(Partial(bowl_metric, A), Partial(bowl_potential, A[0]), Partial(bowl_damping, A), name)
+    return GeometricDynamicalSystem.of(
+        Partial(bowl_metric, A), Partial(bowl_potential, A[0]), Partial(bowl_damping, A), name
+    )
 
 
 def tree():
@@ -162,7 +167,7 @@ def test_every_row_is_the_tree_with_that_leaf_alone():
         np.testing.assert_allclose(found.dissipation[k], dissipation, rtol=1e-10)
         np.testing.assert_allclose(found.x[k], x[k], rtol=1e-12)
         np.testing.assert_allclose(found.xd[k], xd[k], rtol=1e-12)
-        np.testing.assert_allclose(found.gap[k], gap(leaf, x[k]), rtol=1e-12)
+        np.testing.assert_allclose(found.gap[k], leaf.gap(x[k]), rtol=1e-12)
     assert found.energy[3] == 0
 
 
@@ -174,7 +179,7 @@ def test_names_of_batches_within_batches_count_both():
 
 
 def test_a_leaf_says_itself_how_far_it_is():
-    assert gap(Keep(), jnp.asarray([0.4, -0.2])) == -0.2
+    assert Keep().gap(jnp.asarray([0.4, -0.2])) == -0.2
 
 
 def test_a_leaf_without_fields_that_has_a_goal_has_it_at_the_origin():
@@ -182,45 +187,55 @@ def test_a_leaf_without_fields_that_has_a_goal_has_it_at_the_origin():
     class Home(Drag):
         has_goal = True
 
-    assert gap(Home(), jnp.asarray([3.0, 4.0])) == 5
-    np.testing.assert_array_equal(jax.grad(lambda x: gap(Home(), x))(jnp.zeros(2)), 0)
+    assert Home().gap(jnp.asarray([3.0, 4.0])) == 5
+    np.testing.assert_array_equal(jax.grad(lambda x: Home().gap(x))(jnp.zeros(2)), 0)
 
 
 def test_a_leaf_that_is_about_no_place_has_no_gap():
-    assert all(jnp.isnan(gap(leaf, jnp.ones(2))) for leaf in (Drag(), Damping(), lula.Inertia()))
+    assert all(jnp.isnan(leaf.gap(jnp.ones(2))) for leaf in (Drag(), Damping(), lula.Inertia()))
     found = jax.jit(inspect)(Damping() + Attractor(jnp.asarray([3.0, 4.0])), jnp.zeros(2), jnp.zeros(2))
     assert [line.split()[-3] for line in table(found).splitlines()[1:]] == ["5", "nan"]
     assert table(found, rows=0).splitlines()[1].split()[-3] == "5"
 
 
-def test_conventional_fields_say_it_otherwise():
+def test_the_leaves_of_the_library_say_it_too():
     x = jnp.asarray([0.9, -0.5])
     limits = JointLimit(-jnp.ones(2), jnp.ones(2))
-    assert gap(limits, x) == pytest.approx(0.1) and gap(limits, x + 0.3) == pytest.approx(-0.2)
-    assert gap(Attractor(jnp.asarray([0.9, 1.5])), x) == 2
-    assert gap(Posture(rest=jnp.asarray([0.9, 1.5])), x) == 2
-    assert gap(Attractor(jnp.zeros(2)), jnp.asarray([3.0, 4.0])) == 5
+    assert limits.gap(x) == pytest.approx(0.1) and limits.gap(x + 0.3) == pytest.approx(-0.2)
+    assert Attractor(jnp.asarray([0.9, 1.5])).gap(x) == 2
+    assert Posture(rest=jnp.asarray([0.9, 1.5])).gap(x) == 2
+    assert Attractor(jnp.zeros(2)).gap(jnp.asarray([3.0, 4.0])) == 5
 
 
-def test_a_node_of_another_kind_is_one_row():
-    @pytree
-    class Blend(Node):
-        node: Node
+@pytree
+class Blend(Node):
+    """A kind of node that the library does not know: it says what it is made of, and no more."""
 
-        def __call__(self, x, xd):
-            return self.node(x, xd)
+    one: Node
+    two: Node
+    share: jax.Array | float
 
-        def energy(self, x, xd):
-            return self.node.energy(x, xd)
+    def accept(self, visitor, state):
+        return visitor.visit_sum((Scaled(self.one, self.share), Scaled(self.two, 1 - self.share)), state)
 
-        def dissipation(self, x, xd):
-            return self.node.dissipation(x, xd)
 
-        def leaves(self):
-            yield from self.node.leaves()
+def test_a_node_of_another_kind_is_evaluated_certified_inspected_and_mapped():
+    one, two = bowl(0, N, "a"), Damping(0.5, 2.0) + Attractor(jnp.ones(N))
+    blend = Blend(one, two, 0.3)
+    q, qd = (a[0] for a in states())
 
-    found = inspect(Blend(bowl(0, N, "a") + Drag()), *(a[0] for a in states()))
-    assert found.names == ("Blend",) and found.certified == (False,)
+    @jax.jit
+    def look(blend):
+        expected = jax.tree.map(lambda a, b: 0.3 * a + 0.7 * b, one.measure(q, qd), two.measure(q, qd))
+        return blend.measure(q, qd), expected, inspect(blend, q, qd), certificate(blend, q, qd)
+
+    found, expected, rows, certified = look(blend)
+    jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-12), found, expected)
+    assert rows.names == ("a", "damping", "attractor") and [leaf.name for leaf in blend.leaves()] == [*rows.names]
+    np.testing.assert_allclose(rows.f.sum(0), found.form.f, rtol=1e-12)
+    assert certified.residual < 1e-12 and certified.voided_by == ()
+    off = map_tree(blend, lambda leaf: Scaled(leaf, 0.0) if leaf.name == "a" else leaf)
+    np.testing.assert_allclose(off(q, qd).f, 0.7 * two(q, qd).f, rtol=1e-12)
 
 
 def test_at_rest_without_forces_shares_and_gradients_are_finite():

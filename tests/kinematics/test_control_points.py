@@ -8,10 +8,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxrmp import NaturalForm, transport
+from jaxrmp import Batched, NaturalForm, pullback, transport
 from jaxrmp._errors import ShapeError, UnknownNameError
 from jaxrmp._task_map import TaskMap, pushforward_by_autodiff
-from jaxrmp.kinematics import ControlPoints, forward_kinematics, load_robot, load_robot_from_string, panda
+from jaxrmp.kinematics import ControlPoints, Position, forward_kinematics, load_robot, load_robot_from_string, panda
+from jaxrmp.leaves import Attractor
 
 FRAMES = {
     "panda": ("panda_link7", "panda_hand", "panda_link4", "panda_link7", "panda_rightfinger", "panda_link0"),
@@ -211,3 +212,26 @@ def test_mistakes_are_named():
         ControlPoints(robot, "panda_hand", np.zeros(3))
     with pytest.raises(ShapeError, match=r"xd has shape \(6,\), expected \(7,\)"):
         ControlPoints(robot, "panda_hand").pushforward(jnp.zeros(7), jnp.zeros(6))
+
+
+def test_a_position_is_one_control_point_as_a_vector():
+    robot, offset = panda(), np.array([0.1, -0.2, 0.05])
+    one, points = Position(robot, "panda_hand", offset), ControlPoints(robot, "panda_hand", offset[None])
+    leaf = Attractor(jnp.array([0.4, 0.2, 0.5]))
+    q, qd = jnp.array([0.1, -0.8, 0.2, -2.4, 0.0, 1.6, 0.8]), jnp.full(7, 0.3)
+
+    @jax.jit
+    def look(q, qd):
+        policies = (pullback(one, leaf), pullback(points, Batched(leaf, shared=True)))
+        return one.pushforward(q, qd), points.pushforward(q, qd), [policy.measure(q, qd) for policy in policies]
+
+    carried, expected, (ours, theirs) = look(q, qd)
+    np.testing.assert_allclose(one(q), expected.y[0], rtol=1e-6)
+    for a, b in zip(carried, expected, strict=True):
+        np.testing.assert_allclose(a, b[0], rtol=1e-6)
+    jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-4, atol=1e-5), ours, theirs)
+    assert Position(robot, "panda_hand")(q).shape == (3,)
+    with pytest.raises(UnknownNameError, match="hnd"):
+        Position(robot, "hnd")
+    with pytest.raises(ShapeError, match=r"shape \(2, 3\), expected \(3,\)"):
+        Position(robot, "panda_hand", np.zeros((2, 3)))

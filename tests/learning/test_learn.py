@@ -39,9 +39,9 @@ def door():
     return synthetic_demonstrations("door_reaching", count=3)
 
 
-@pytest.fixture(scope="module")
-def learning(configuration, door):
-    return learn(configuration, panda(), door)
+@pytest.fixture
+def learning(door_learning):
+    return door_learning
 
 
 def test_a_skill_ends_where_the_demonstrations_end_in_the_objects_frame(learning, configuration, door):
@@ -180,5 +180,5 @@ def test_a_skill_in_double_precision_follows_the_precision_of_its_input(learning
     with jax.enable_x64(True):
         skill = jax.tree.map(lambda a: jnp.asarray(a, jnp.float64), learning.skill)
         for dtype in (jnp.float32, jnp.float64):
-            form = skill.tree(panda())(jnp.full(7, -0.5, dtype), jnp.zeros(7, dtype))
+            form = jax.eval_shape(skill.tree(panda()), jnp.full(7, -0.5, dtype), jnp.zeros(7, dtype))
             assert form.f.dtype == form.M.dtype == dtype

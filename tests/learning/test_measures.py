@@ -1,12 +1,11 @@
 """Measures and the choice of the nominal demonstration, against small answers and independent implementations."""
 
-import sys
 from functools import cache
 
 import numpy as np
 import pytest
 
-from jaxrmp import DemonstrationError, MissingDependencyError, ShapeError
+from jaxrmp import DemonstrationError, ShapeError
 from jaxrmp.learning._measures import discrete_frechet, dtw_distance, reproduction_errors
 from jaxrmp.learning._nominal import nominal_demonstration
 
@@ -25,6 +24,16 @@ def frechet_by_definition(a, b):
         return max(here, min(before)) if before else here
 
     return leash(len(a) - 1, len(b) - 1)
+
+
+def dtw_by_definition(a, b):
+    """The least sum over all alignments, cell by cell, and how many pairs it has."""
+    cells = {}
+    for i, j in np.ndindex(len(a), len(b)):
+        before = [cells[p] for p in ((i - 1, j - 1), (i - 1, j), (i, j - 1)) if p in cells]
+        total, pairs = min(before, key=lambda cell: cell[0], default=(0.0, 0))
+        cells[i, j] = total + float(np.linalg.norm(a[i] - b[j])), pairs + 1
+    return cells[len(a) - 1, len(b) - 1]
 
 
 @pytest.mark.parametrize("measure", [dtw_distance, discrete_frechet])
@@ -47,13 +56,12 @@ def test_a_single_outlier_counts_fully_in_frechet_and_little_in_dtw():
     assert dtw_distance(LINE, bumped) == pytest.approx(0.2)
 
 
-def test_dtw_agrees_with_dtaidistance():
-    dtw, dtw_ndim = (pytest.importorskip(f"dtaidistance.{name}") for name in ("dtw", "dtw_ndim"))
+def test_dtw_agrees_with_its_definition():
     rng = np.random.default_rng(0)
-    for samples in (1, 7, 60):
+    for samples in (1, 2, 7, 60):
         a, b = walk(rng, samples), walk(rng, 40)
-        total, paths = dtw_ndim.warping_paths(a, b, inner_dist="euclidean")
-        assert dtw_distance(a, b) == pytest.approx(total / len(dtw.best_path(paths)), rel=1e-12)
+        total, pairs = dtw_by_definition(a, b)
+        assert dtw_distance(a, b) == pytest.approx(total / pairs, rel=1e-12)
         assert dtw_distance(b, a) == pytest.approx(dtw_distance(a, b), rel=1e-12)
 
 
@@ -103,7 +111,18 @@ def test_the_nominal_demonstration_needs_comparable_ones():
         nominal_demonstration([LINE, np.zeros((5, 3))])
 
 
-def test_without_dtaidistance_the_extra_is_named(monkeypatch):
-    monkeypatch.setitem(sys.modules, "dtaidistance", None)
-    with pytest.raises(MissingDependencyError, match=r"jaxrmp\[learning\]"):
-        nominal_demonstration([LINE, LINE])
+def test_the_distances_are_those_of_all_pairs_of_paths_of_any_lengths():
+    rng = np.random.default_rng(2)
+    paths = [walk(rng, samples) for samples in (30, 17, 1, 41)]
+    index, distances = nominal_demonstration(paths)
+    expected = [[dtw_by_definition(a, b)[0] if a is not b else 0.0 for b in paths] for a in paths]
+    np.testing.assert_allclose(distances, expected, rtol=1e-12)
+    assert index == np.argmin(np.sum(expected, axis=1))
+
+
+def test_the_distances_are_those_of_dtaidistance():
+    """Of version 2.5.1, `dtw_ndim.distance_fast(inner_dist="euclidean")`, which this replaces."""
+    rng = np.random.default_rng(0)
+    _, distances = nominal_demonstration([walk(rng, 200) for _ in range(6)])
+    assert distances[0, 1] == pytest.approx(4332.6924916447415, rel=1e-13)
+    assert distances.sum() == pytest.approx(156862.3756631859, rel=1e-13)

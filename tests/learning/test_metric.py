@@ -83,10 +83,12 @@ def test_training_sees_the_support():
     _, x, slope, velocity = subtasks()
     near = [support_of_samples(np.asarray(points[:20]), 0.1, 8) for points in x]
     support = jax.tree.map(lambda *parts: jnp.stack([jnp.asarray(part, jnp.float32) for part in parts]), *near)
-    fit = train_metrics(x, slope, velocity, updates=3, hidden=(8,), support=support)
-    first = train_metrics(x, slope, velocity, updates=1, hidden=(8,), support=support, learning_rate=1e-20).factors
+    fit = train_metrics(x, slope, velocity, updates=3, hidden=SMALL["hidden"], support=support)
+    first = train_metrics(
+        x, slope, velocity, updates=1, hidden=SMALL["hidden"], support=support, learning_rate=1e-20
+    ).factors
     L = jax.jit(jax.vmap(jax.vmap(lambda factor, x: factor(x), (None, 0))))(first, x)
-    np.testing.assert_allclose(fit.losses[0], jax.vmap(field_loss)(L, slope, velocity), rtol=1e-5)
+    np.testing.assert_allclose(fit.losses[0], jax.jit(jax.vmap(field_loss))(L, slope, velocity), rtol=1e-5)
 
 
 def test_training_takes_float64_where_that_is_on():
@@ -124,10 +126,10 @@ def test_subtasks_are_independent_and_training_is_deterministic_by_seed():
 
 
 def test_progress_is_reported_up_to_the_last_update():
-    _, x, slope, velocity = subtasks(N=20)
+    _, x, slope, velocity = subtasks()
     calls = []
     fit = train_metrics(
-        x, slope, velocity, hidden=(8,), updates=120, progress=lambda done, loss: calls.append((done, loss))
+        x, slope, velocity, hidden=SMALL["hidden"], updates=120, progress=lambda done, loss: calls.append((done, loss))
     )
     done, losses = zip(*calls, strict=True)
     assert list(done) == sorted(done) and done[-1] == 120 and len(done) > 1
@@ -135,11 +137,11 @@ def test_progress_is_reported_up_to_the_last_update():
 
 
 def test_training_that_diverges_is_an_error():
-    _, x, slope, velocity = subtasks(N=20)
+    _, x, slope, velocity = subtasks()
     with pytest.raises(TrainingError, match=r"not finite after 50 updates \(learning rate 1e\+30\)"):
-        train_metrics(x, slope, velocity, hidden=(8,), updates=50, learning_rate=1e30)
+        train_metrics(x, slope, velocity, hidden=SMALL["hidden"], updates=50, learning_rate=1e30)
     with pytest.raises(TrainingError, match="not finite"):
-        train_metrics(x, slope, velocity.at[0, 3, 1].set(jnp.nan), hidden=(8,), updates=50)
+        train_metrics(x, slope, velocity.at[0, 3, 1].set(jnp.nan), hidden=SMALL["hidden"], updates=50)
 
 
 def test_no_updates_are_refused():

@@ -129,7 +129,7 @@ def test_time_stamps_in_nanoseconds_are_noticed():
         ({"resample": "arcs"}, UnknownNameError, "Did you mean 'arc'"),
         ({"rate": 0.0}, ConfigurationError, "rate is 0.0, expected a positive"),
         ({"samples": 3}, ConfigurationError, "samples is 3, expected at least 4"),
-        ({"static_speed": 1.0}, ConfigurationError, "static_speed is a fraction"),
+        ({"static_speed": 1.0}, ConfigurationError, "static_speed is 1.0, expected a number below one"),
         ({"filter_window": 0.05}, ConfigurationError, "too short for filter_order 3"),
     ],
 )

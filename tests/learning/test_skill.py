@@ -3,6 +3,7 @@
 import json
 import zipfile
 from dataclasses import replace
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -11,6 +12,7 @@ import pytest
 
 import jaxrmp
 from jaxrmp import ConfigurationError, RobotError, SkillFileError, acceleration
+from jaxrmp._rotations import rotation_of_vector
 from jaxrmp.kinematics import load_robot_from_string, panda
 from jaxrmp.learning import (
     Configuration,
@@ -130,7 +132,9 @@ def test_files_that_are_no_whole_skill_of_this_version_are_refused(skill, tmp_pa
         header = json.loads(arrays.pop("header.json").tobytes())
         if damage == "version":
             header["version"] = 99
-            expected = "version 99; this jaxrmp .* reads 'jaxrmp skill' version 3"
+            expected = (
+                "version 99; this jaxrmp reads versions 1 to 4. It was written by jaxrmp .* a newer one, or learn"
+            )
         elif damage == "extra":
             header["mystery"] = 1
             expected = "missing or unknown: .*mystery"
@@ -152,6 +156,78 @@ def test_files_that_are_no_whole_skill_of_this_version_are_refused(skill, tmp_pa
             np.savez(file, **arrays)
     with pytest.raises(SkillFileError, match=expected):
         load_skill(path)
+
+
+def rewritten(path, change):
+    """The skill file at `path` with its header and arrays as `change` leaves them."""
+    with np.load(path) as archive:
+        arrays = dict(archive)
+    header = json.loads(arrays.pop("header.json").tobytes())
+    change(header, arrays)
+    header["arrays"] = {name: [str(a.dtype), list(a.shape)] for name, a in arrays.items()}
+    np.savez(path, **{"header.json": np.frombuffer(json.dumps(header).encode(), np.uint8)}, **arrays)
+    return path
+
+
+def as_version_3(header, arrays):
+    header["version"] = 3
+    policy = header["configuration"]["policy"]
+    damping, limit = policy.pop("joint_damping"), policy.pop("joint_limit")
+    policy |= {"joint_damping_weight": damping["weight"], "joint_damping_rate": damping["damping_rate"]}
+    gains = {"weight": 0.01, "sigma": 0.1, "barrier": 0.01, "reach": 0.1, "frequency": 50.0} | limit
+    policy |= {f"joint_limit_{name}": value for name, value in gains.items()}
+
+
+def as_version_2(header, arrays, early=False):
+    """As the last, or the first, that wrote version 2 did."""
+    as_version_3(header, arrays)
+    header["version"] = 2
+    del arrays["R_object_hand"]
+    if early:
+        del header["network"]["supported"]
+        del header["configuration"]["metric"]["reach"], header["configuration"]["metric"]["convergence"]
+
+
+def as_version_1(header, arrays):
+    as_version_2(header, arrays, early=True)
+    header["version"] = 1
+    del arrays["joint_limit/frequency"], header["configuration"]["policy"]["joint_limit_frequency"]
+
+
+@pytest.mark.parametrize("earlier", [as_version_1, partial(as_version_2, early=True), as_version_2, as_version_3])
+def test_files_of_earlier_versions_are_brought_up_to_date(skill, tmp_path, earlier):
+    R = rotation_of_vector(np.array([0.5, -1.0, 2.0]))
+    skill = replace(skill, targets=jnp.asarray(OFFSETS @ R.T + 0.1, jnp.float32))
+    loaded = load_skill(rewritten(save_skill(skill, tmp_path / "old.skill.npz"), earlier))
+    np.testing.assert_allclose(loaded.R_object_hand, skill.R_object_hand if earlier is as_version_3 else R, atol=1e-5)
+    assert loaded.R_object_hand.dtype == jnp.float32
+    metric, policy = loaded.configuration.metric, loaded.configuration.policy
+    late = earlier in (as_version_2, as_version_3)
+    assert (metric.reach, metric.convergence) == ((0.05, 0.1) if late else (0.0, 1e6))
+    assert policy.joint_damping == skill.configuration.policy.joint_damping
+    assert policy.joint_limit["barrier"] == 0.01 and ("frequency" in policy.joint_limit) == (
+        earlier is not as_version_1
+    )
+    same = replace(loaded, R_object_hand=skill.R_object_hand, configuration=skill.configuration)
+    assert jax.tree.structure(same) == jax.tree.structure(skill)
+    for a, b in zip(jax.tree.leaves(skill), jax.tree.leaves(same), strict=True):
+        np.testing.assert_array_equal(a, b)
+    again = load_skill(save_skill(loaded, tmp_path / "new.skill.npz"))
+    assert jax.tree.structure(again) == jax.tree.structure(loaded)
+
+
+def test_an_earlier_skill_that_does_not_say_how_the_hand_is_turned_is_refused(skill, tmp_path):
+    line = np.linspace(0, 1, 3)[:, None] * np.array([[0.0, 0.0, 0.1]])
+    path = save_skill(replace(skill, offsets=jnp.asarray(line, jnp.float32)), tmp_path / "old.skill.npz")
+    with pytest.raises(SkillFileError, match=r"does not say how the hand is turned .* learn the skill again"):
+        load_skill(rewritten(path, as_version_2))
+
+
+@pytest.mark.parametrize("version", [0, 5, "4", None, True])
+def test_versions_that_are_none_are_refused(skill, tmp_path, version):
+    path = save_skill(skill, tmp_path / "odd.skill.npz")
+    with pytest.raises(SkillFileError, match=f"version {version!r}; this jaxrmp reads versions 1 to 4"):
+        load_skill(rewritten(path, lambda header, arrays: header.update(version=version)))
 
 
 def test_a_skill_file_holds_no_pickle(skill, tmp_path):
@@ -215,7 +291,7 @@ def test_gains_are_parameters_of_the_tree(skill):
 
 def test_a_skill_runs_where_the_robot_is_an_argument(skill):
     qdd = jax.jit(lambda robot, q: acceleration(skill.tree(robot), q, 0 * q))(panda(), Q)
-    np.testing.assert_allclose(qdd, acceleration(skill.tree(panda()), Q, 0 * Q), rtol=1e-3, atol=1e-3)
+    np.testing.assert_allclose(qdd, jax.jit(acceleration)(skill.tree(panda()), Q, 0 * Q), rtol=1e-3, atol=1e-3)
 
 
 def test_the_learned_policy_does_not_deadlock_in_large_batches(skill):

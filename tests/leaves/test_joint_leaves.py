@@ -7,7 +7,7 @@ import pytest
 from jax.tree_util import Partial
 
 import jaxrmp
-from jaxrmp import GDS, Pointwise, RobotError, acceleration, pullback
+from jaxrmp import GeometricDynamicalSystem, Pointwise, RobotError, acceleration, pullback
 from jaxrmp.leaves import Damping, JointLimit
 from jaxrmp.simulation import rollout
 
@@ -114,7 +114,7 @@ def test_limits_can_be_built_inside_a_compiled_function():
 
 def spring(goal, rate):
     """A pull of 25 /s^2 towards `goal` with unit mass."""
-    return GDS(
+    return GeometricDynamicalSystem.of(
         Partial(lambda x, xd: jnp.eye(1)),
         Partial(lambda goal, x: 12.5 * jnp.sum((x - goal) ** 2), jnp.asarray(goal)),
         Partial(lambda rate, x, xd: rate * jnp.eye(1), jnp.asarray(rate)),
@@ -218,7 +218,7 @@ def test_joint_limit_gains_out_of_range_are_named(name, value):
 @jax.jit
 def pushed(leaf, start, push):
     """A second of a joint without inertia of its own, under a constant force."""
-    force = GDS(
+    force = GeometricDynamicalSystem.of(
         Partial(lambda x, xd: jnp.zeros((1, 1))),
         Partial(lambda push, x: -push * jnp.sum(x), push),
         Partial(lambda x, xd: 0.02 * jnp.eye(1)),

@@ -83,7 +83,7 @@ def test_clearance_is_the_least_distance(scene):
 
 
 def test_the_policy_is_told_where_the_cylinder_is():
-    scene = scenes.scene("drawer_obstacle").with_cylinder((-0.1, 0.3))
+    scene = scenes.drawer_obstacle(cylinder=scenes.Cylinder((-0.1, 0.3)))
     data = scene.data(HOME)
     world = scene.obstacles()
     obstacle = scene.model.geom("obstacle").id
@@ -106,10 +106,9 @@ def test_a_start_in_collision_is_refused():
     ("call", "error", "message"),
     [
         (lambda: scenes.scene("drawr"), UnknownNameError, "Did you mean 'drawer'"),
-        (lambda: scenes.scene("door", cylinder=scenes.Cylinder()), ConfigurationError, "takes no cylinder"),
-        (lambda: scenes.scene("door").with_cylinder((0, 0)), ConfigurationError, "has no cylinder to move"),
+        (lambda: scenes.scene("nowhere.py"), ConfigurationError, "there is no such file"),
         (
-            lambda: scenes.scene("drawer_obstacle", cylinder=scenes.Cylinder(radius=-1)),
+            lambda: scenes.drawer_obstacle(cylinder=scenes.Cylinder(radius=-1)),
             ConfigurationError,
             "expected a positive radius",
         ),

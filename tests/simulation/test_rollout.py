@@ -7,7 +7,7 @@ import pytest
 from jax.tree_util import Partial
 from scipy.integrate import solve_ivp
 
-from jaxrmp import GDS, pullback
+from jaxrmp import GeometricDynamicalSystem, pullback
 from jaxrmp.leaves import Damping, JointLimit
 from jaxrmp.simulation import StiffnessWarning, rollout
 
@@ -22,7 +22,7 @@ def x64():
 
 def oscillator():
     """`(1 + C |x|^2) xdd = ...`: a damped oscillator with a position-dependent mass."""
-    return GDS(
+    return GeometricDynamicalSystem.of(
         Partial(lambda x, xd: (1 + C * x @ x) * jnp.eye(2)),
         Partial(lambda x: 0.5 * jnp.sum(jnp.asarray(K) * x * x)),
         Partial(lambda x, xd: jnp.diag(jnp.asarray(B))),

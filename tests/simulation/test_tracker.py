@@ -79,11 +79,11 @@ def test_silence_is_noticed_after_the_stated_time():
 @pytest.mark.parametrize(
     ("changed", "message"),
     [
-        ({"rate": 0.0}, "tracker rate is 0.0"),
-        ({"jitter": (1.0,)}, "tracker jitter is"),
-        ({"delay": -1.0}, "tracker delay is -1.0"),
-        ({"dropouts": 1.0}, "tracker dropouts is 1.0"),
-        ({"silent_after": float("nan")}, "tracker silent_after is nan"),
+        ({"rate": 0.0}, "tracker.rate is 0.0"),
+        ({"jitter": (1.0,)}, "tracker.jitter is"),
+        ({"delay": -1.0}, "tracker.delay is -1.0"),
+        ({"dropouts": 1.0}, "tracker.dropouts is 1.0"),
+        ({"silent_after": float("nan")}, "tracker.silent_after is nan"),
     ],
 )
 def test_mistakes_are_explained(changed, message):

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from jaxrmp.viewer._poses import quaternions
+from jaxrmp._rotations import quaternion_of_rotation
 
 ARGUMENTS = [
     "--no-sandbox",
@@ -78,12 +78,12 @@ class Page:
 
     def drag(self, name: str, T: np.ndarray) -> None:
         """What the page sends while the gizmo `name` is dragged to a pose [4, 4]."""
-        wxyz, position = quaternions(T[:3, :3]).tolist(), T[:3, 3].tolist()
+        wxyz, position = quaternion_of_rotation(T[:3, :3]).tolist(), T[:3, 3].tolist()
         self.send("TransformControlsUpdateMessage", owner="", name=name, wxyz=wxyz, position=position)
 
     def play(self, name: str, poses: list[np.ndarray], every: float = 0.1) -> None:
         """Drag a gizmo along a path of poses, one every so many seconds, at the page's own pace."""
-        stops = [(quaternions(T[:3, :3]).tolist(), T[:3, 3].tolist()) for T in poses]
+        stops = [(quaternion_of_rotation(T[:3, :3]).tolist(), T[:3, 3].tolist()) for T in poses]
         self.page.evaluate(
             """async ([name, stops, wait]) => {
                 for (const [wxyz, position] of stops) {

@@ -28,7 +28,7 @@ PLACE = [
 def teacher(tmp_path_factory):
     viewer = pytest.importorskip("jaxrmp.viewer")
     pytest.importorskip("viser", reason="needs viser: pip install 'jaxrmp[viewer]'")
-    content = viewer.reach_content(balls=0, apart=False)
+    content = viewer.reach_content(balls=0, self_collision=False)
     teacher = viewer.Teacher(content, tmp_path_factory.mktemp("taught") / "cup", port=0)
     teacher.start()
     yield teacher

@@ -1,28 +1,22 @@
 """A learned skill running live in the door's scene, watched and handled by a page in Chromium."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from jaxrmp.kinematics import forward_kinematics, panda
-from jaxrmp.learning import learn, load_configuration
 from jaxrmp.scenes import scene
-from jaxrmp.synthetic import synthetic_demonstrations
-
-CONFIG = Path(__file__).parents[2] / "configs" / "door_reaching.toml"
-LESS = {"metric.updates": 200, "potential.widths": [0.05], "potential.basin_starts": 100}
+from jaxrmp.world import Spheres, World
 
 
 @pytest.fixture(scope="module")
-def viewer():
+def viewer(door_learning):
     """The page's session: started once, for compiling is most of the time."""
     pytest.importorskip("viser", reason="needs viser: pip install 'jaxrmp[viewer]'")
     from jaxrmp.viewer import Viewer, skill_content
 
-    learning = learn(load_configuration(CONFIG, LESS), panda(), synthetic_demonstrations("door_reaching"))
-    skill, prepared = learning.skill, learning.prepared
+    skill, prepared = door_learning.skill, door_learning.prepared
     place = scene("door", T_world_object=np.asarray(skill.T_world_object, float))
     viewer = Viewer(skill_content(skill, panda(), prepared, scene=place, balls=0), 0, skill=skill, prepared=prepared)
     viewer.start()
@@ -89,10 +83,11 @@ def test_gains_and_switches_change_the_policy_without_compiling_it_again(viewer,
 
     page = page_of(viewer)
     compiled = advance._cache_size()
-    slider = viewer.gains.slider("skill.learned.speed")
+    slider = viewer.gains.slider("learned.speed")
     set_control(page, slider, 0.4)
     page.wait(
-        lambda: np.allclose(viewer.loop.frame.situation.policy.skill.learned.speed, 0.4, atol=0.01), "the faster policy"
+        lambda: np.allclose(viewer.loop.frame.situation.policy.tasks[0].learned.speed, 0.4, atol=0.01),
+        "the faster policy",
     )
     learned = viewer.switches.boxes[:3]
     for box in learned:
@@ -175,4 +170,6 @@ def test_a_skill_without_its_demonstrations_can_still_be_shown(viewer):
     from jaxrmp.viewer import skill_content
 
     content = skill_content(replace(viewer.skill), panda(), None, balls=1)
-    assert content.labels[-1] == "obstacles"
+    around = World(spheres=Spheres.of([(content.balls[0], 0.1)]))
+    names = [leaf.name for leaf in content.policy.tree(content.T_world_target, around).leaves()]
+    assert names[-1] == "collision_avoidance" and viewer.leaf_labels[3:5] == ("joint damping", "joint limit")

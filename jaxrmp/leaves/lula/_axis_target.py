@@ -6,7 +6,7 @@ import jax.numpy as jnp
 from ..._forms import DiagonalForm
 from ..._linalg import length
 from ..._pytree import pytree, static
-from ..._ranges import require
+from ..._ranges import NonNegative, Positive
 from ..._tree import SeparableLeaf
 from ._position_target import proximity_boost
 
@@ -35,24 +35,17 @@ class AxisTarget(SeparableLeaf):
 
     target: jax.Array
     position_target: jax.Array | None = None
-    accel_p_gain: jax.Array | float = 210.0
-    accel_d_gain: jax.Array | float = 60.0
-    metric_scalar: jax.Array | float = 10.0
-    proximity_metric_boost_scalar: jax.Array | float = 3000.0
-    proximity_metric_boost_length_scale: jax.Array | float = 0.02
+    accel_p_gain: NonNegative[jax.Array | float] = 210.0
+    accel_d_gain: NonNegative[jax.Array | float] = 60.0
+    metric_scalar: NonNegative[jax.Array | float] = 10.0
+    proximity_metric_boost_scalar: NonNegative[jax.Array | float] = 3000.0
+    proximity_metric_boost_length_scale: Positive[jax.Array | float] = 0.02
     name: str = static(default="axis_target")
     has_goal = True
     certified = False
 
-    def __post_init__(self):
-        require(
-            self,
-            positive=("proximity_metric_boost_length_scale",),
-            non_negative=("accel_p_gain", "accel_d_gain", "metric_scalar", "proximity_metric_boost_scalar"),
-        )
-
     def gap(self, x: jax.Array) -> jax.Array:
-        """The distance left between the two unit vectors, for the inspector."""
+        """The distance left between the two unit vectors at `x` [6], for the inspector."""
         return length(jnp.asarray(self.target, x.dtype) - x[:3])
 
     def evaluate(self, x, xd):

@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 
 from ..._pytree import pytree, static
-from ..._ranges import require
+from ..._ranges import NonNegative, Positive
 from ..._tree import SeparableLeaf
 from ._elementwise import closed_gate, elementwise
 
@@ -31,36 +31,21 @@ class Collision(SeparableLeaf):
     NVIDIA, Lula RMPflow, `collision_rmp`; `point_cloud_obstacle_rmp` is the same with other constants.
     """
 
-    damping_gain: jax.Array | float = 50.0
-    damping_std_dev: jax.Array | float = 0.04
-    damping_robustness_eps: jax.Array | float = 1e-2
-    damping_velocity_gate_length_scale: jax.Array | float = 0.01
-    repulsion_gain: jax.Array | float = 800.0
-    repulsion_std_dev: jax.Array | float = 0.01
-    metric_modulation_radius: jax.Array | float = 0.5
-    metric_scalar: jax.Array | float = 10000.0
-    metric_exploder_std_dev: jax.Array | float = 0.02
-    metric_exploder_eps: jax.Array | float = 1e-3
+    damping_gain: NonNegative[jax.Array | float] = 50.0
+    damping_std_dev: Positive[jax.Array | float] = 0.04
+    damping_robustness_eps: Positive[jax.Array | float] = 1e-2
+    damping_velocity_gate_length_scale: Positive[jax.Array | float] = 0.01
+    repulsion_gain: NonNegative[jax.Array | float] = 800.0
+    repulsion_std_dev: Positive[jax.Array | float] = 0.01
+    metric_modulation_radius: Positive[jax.Array | float] = 0.5
+    metric_scalar: NonNegative[jax.Array | float] = 10000.0
+    metric_exploder_std_dev: Positive[jax.Array | float] = 0.02
+    metric_exploder_eps: Positive[jax.Array | float] = 1e-3
     name: str = static(default="collision")
     certified = False
 
-    def __post_init__(self):
-        require(
-            self,
-            positive=(
-                "damping_std_dev",
-                "damping_robustness_eps",
-                "damping_velocity_gate_length_scale",
-                "repulsion_std_dev",
-                "metric_modulation_radius",
-                "metric_exploder_std_dev",
-                "metric_exploder_eps",
-            ),
-            non_negative=("damping_gain", "repulsion_gain", "metric_scalar"),
-        )
-
     def gap(self, x: jax.Array) -> jax.Array:
-        """The smallest distance, for the inspector."""
+        """The smallest of the distances `x` [m], for the inspector."""
         return jnp.min(x)
 
     def evaluate(self, x, xd):

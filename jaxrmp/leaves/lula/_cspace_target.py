@@ -5,7 +5,7 @@ import jax.numpy as jnp
 
 from ..._linalg import length
 from ..._pytree import pytree, static
-from ..._ranges import require
+from ..._ranges import NonNegative, Positive
 from ..._tree import SeparableLeaf
 from ._elementwise import elementwise
 
@@ -27,19 +27,15 @@ class CSpaceTarget(SeparableLeaf):
     """
 
     target: jax.Array
-    metric_scalar: jax.Array | float = 50.0
-    position_gain: jax.Array | float = 100.0
-    damping_gain: jax.Array | float = 50.0
-    robust_position_term_thresh: jax.Array | float = 0.5
+    metric_scalar: NonNegative[jax.Array | float] = 50.0
+    position_gain: NonNegative[jax.Array | float] = 100.0
+    damping_gain: NonNegative[jax.Array | float] = 50.0
+    robust_position_term_thresh: Positive[jax.Array | float] = 0.5
     name: str = static(default="cspace_target")
     certified = False
 
-    def __post_init__(self):
-        require(
-            self,
-            positive=("robust_position_term_thresh",),
-            non_negative=("metric_scalar", "position_gain", "damping_gain"),
-        )
+    def gap(self, x):
+        return length(x - jnp.asarray(self.target, x.dtype))
 
     def evaluate(self, x, xd):
         offset = jnp.asarray(self.target, x.dtype) - x

@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 
 from ..._pytree import pytree, static
-from ..._ranges import require
+from ..._ranges import NonNegative
 from ..._tree import SeparableLeaf
 from ._elementwise import elementwise
 
@@ -22,12 +22,9 @@ class Inertia(SeparableLeaf):
     NVIDIA, Lula RMPflow: `inertia` of `cspace_target_rmp` (on q) and of `damping_rmp` (on the target frame).
     """
 
-    inertia: jax.Array | float = 1.0
+    inertia: NonNegative[jax.Array | float] = 1.0
     name: str = static(default="inertia")
     certified = False
-
-    def __post_init__(self):
-        require(self, non_negative=("inertia",))
 
     def evaluate(self, x, xd):
         return elementwise(jnp.zeros_like(x), self.inertia, x)

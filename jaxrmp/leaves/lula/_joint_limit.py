@@ -8,7 +8,7 @@ from jax.core import Tracer
 from ..._errors import RobotError
 from ..._forms import DiagonalForm
 from ..._pytree import pytree, static
-from ..._ranges import require
+from ..._ranges import NonNegative, Positive
 from ..._tree import SeparableLeaf
 from ._elementwise import closed_gate
 
@@ -38,29 +38,18 @@ class JointLimit(SeparableLeaf):
 
     lower: jax.Array
     upper: jax.Array
-    metric_scalar: jax.Array | float = 1000.0
-    metric_length_scale: jax.Array | float = 0.01
-    metric_exploder_eps: jax.Array | float = 1e-3
-    metric_velocity_gate_length_scale: jax.Array | float = 0.01
-    accel_damper_gain: jax.Array | float = 200.0
-    accel_potential_gain: jax.Array | float = 1.0
-    accel_potential_exploder_length_scale: jax.Array | float = 0.1
-    accel_potential_exploder_eps: jax.Array | float = 1e-2
+    metric_scalar: NonNegative[jax.Array | float] = 1000.0
+    metric_length_scale: Positive[jax.Array | float] = 0.01
+    metric_exploder_eps: Positive[jax.Array | float] = 1e-3
+    metric_velocity_gate_length_scale: Positive[jax.Array | float] = 0.01
+    accel_damper_gain: NonNegative[jax.Array | float] = 200.0
+    accel_potential_gain: NonNegative[jax.Array | float] = 1.0
+    accel_potential_exploder_length_scale: Positive[jax.Array | float] = 0.1
+    accel_potential_exploder_eps: Positive[jax.Array | float] = 1e-2
     name: str = static(default="joint_limit")
     certified = False
 
     def __post_init__(self):
-        require(
-            self,
-            positive=(
-                "metric_length_scale",
-                "metric_exploder_eps",
-                "metric_velocity_gate_length_scale",
-                "accel_potential_exploder_length_scale",
-                "accel_potential_exploder_eps",
-            ),
-            non_negative=("metric_scalar", "accel_damper_gain", "accel_potential_gain"),
-        )
         if not any(isinstance(v, Tracer) for v in (self.lower, self.upper)):
             lower, upper = np.asarray(self.lower), np.asarray(self.upper)
             bad = np.flatnonzero(~(lower < upper))
@@ -69,6 +58,9 @@ class JointLimit(SeparableLeaf):
                     f"joint ranges must have lower < upper, buffers taken off; joints {bad.tolist()} have lower "
                     f"{lower[bad].tolist()} and upper {upper[bad].tolist()}."
                 )
+
+    def gap(self, x):
+        return jnp.minimum(x - jnp.asarray(self.lower, x.dtype), jnp.asarray(self.upper, x.dtype) - x).min()
 
     def evaluate(self, x, xd):
         lower, upper = jnp.asarray(self.lower, x.dtype), jnp.asarray(self.upper, x.dtype)

@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 
 from ..._pytree import pytree, static
-from ..._ranges import require
+from ..._ranges import NonNegative, Positive
 from ..._tree import SeparableLeaf
 from ._elementwise import elementwise
 
@@ -29,17 +29,12 @@ class JointVelocityCap(SeparableLeaf):
     NVIDIA, Lula RMPflow, `joint_velocity_cap_rmp`.
     """
 
-    max_velocity: jax.Array | float = 1.7
-    velocity_damping_region: jax.Array | float = 0.35
-    damping_gain: jax.Array | float = 10.0
-    metric_weight: jax.Array | float = 2000.0
+    max_velocity: NonNegative[jax.Array | float] = 1.7
+    velocity_damping_region: Positive[jax.Array | float] = 0.35
+    damping_gain: NonNegative[jax.Array | float] = 10.0
+    metric_weight: NonNegative[jax.Array | float] = 2000.0
     name: str = static(default="joint_velocity_cap")
     certified = False
-
-    def __post_init__(self):
-        require(
-            self, positive=("velocity_damping_region",), non_negative=("max_velocity", "damping_gain", "metric_weight")
-        )
 
     def evaluate(self, x, xd):
         s = jnp.abs(xd) - (self.max_velocity - self.velocity_damping_region)

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 from ..._forms import CanonicalForm, NaturalForm, natural
 from ..._linalg import length
 from ..._pytree import pytree, static
-from ..._ranges import require
+from ..._ranges import NonNegative, Positive
 from ..._tree import Leaf
 from .._smooth_ratios import decay_ratio
 
@@ -32,32 +32,21 @@ class PositionTarget(Leaf):
     """
 
     target: jax.Array
-    accel_p_gain: jax.Array | float = 50.0
-    accel_d_gain: jax.Array | float = 75.0
-    accel_norm_eps: jax.Array | float = 0.075
-    metric_alpha_length_scale: jax.Array | float = 0.05
-    min_metric_alpha: jax.Array | float = 0.03
-    max_metric_scalar: jax.Array | float = 10000.0
-    min_metric_scalar: jax.Array | float = 5000.0
-    proximity_metric_boost_scalar: jax.Array | float = 20.0
-    proximity_metric_boost_length_scale: jax.Array | float = 0.02
+    accel_p_gain: NonNegative[jax.Array | float] = 50.0
+    accel_d_gain: NonNegative[jax.Array | float] = 75.0
+    accel_norm_eps: Positive[jax.Array | float] = 0.075
+    metric_alpha_length_scale: Positive[jax.Array | float] = 0.05
+    min_metric_alpha: NonNegative[jax.Array | float] = 0.03
+    max_metric_scalar: NonNegative[jax.Array | float] = 10000.0
+    min_metric_scalar: NonNegative[jax.Array | float] = 5000.0
+    proximity_metric_boost_scalar: NonNegative[jax.Array | float] = 20.0
+    proximity_metric_boost_length_scale: Positive[jax.Array | float] = 0.02
     name: str = static(default="position_target")
     has_goal = True
     certified = False
 
-    def __post_init__(self):
-        require(
-            self,
-            positive=("accel_norm_eps", "metric_alpha_length_scale", "proximity_metric_boost_length_scale"),
-            non_negative=(
-                "accel_p_gain",
-                "accel_d_gain",
-                "min_metric_alpha",
-                "max_metric_scalar",
-                "min_metric_scalar",
-                "proximity_metric_boost_scalar",
-            ),
-        )
+    def gap(self, x):
+        return length(x - jnp.asarray(self.target, x.dtype))
 
     def __call__(self, x, xd):
         delta = jnp.asarray(self.target, x.dtype) - x

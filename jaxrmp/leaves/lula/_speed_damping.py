@@ -4,7 +4,7 @@ import jax
 
 from ..._linalg import length
 from ..._pytree import pytree, static
-from ..._ranges import require
+from ..._ranges import NonNegative
 from ..._tree import SeparableLeaf
 from ._elementwise import elementwise
 
@@ -25,13 +25,10 @@ class SpeedDamping(SeparableLeaf):
     NVIDIA, Lula RMPflow, `damping_rmp`; its `inertia` is a leaf of its own, `Inertia`.
     """
 
-    accel_d_gain: jax.Array | float = 30.0
-    metric_scalar: jax.Array | float = 50.0
+    accel_d_gain: NonNegative[jax.Array | float] = 30.0
+    metric_scalar: NonNegative[jax.Array | float] = 50.0
     name: str = static(default="damping")
     certified = False
-
-    def __post_init__(self):
-        require(self, non_negative=("accel_d_gain", "metric_scalar"))
 
     def evaluate(self, x, xd):
         speed = length(xd)

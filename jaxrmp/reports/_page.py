@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from ._files import atomic_write
+from .._files import atomic_write
 
 _STYLE = """
 body { font: 16px/1.5 system-ui, sans-serif; color: #1b1f23; max-width: 68rem; margin: 2rem auto; padding: 0 1rem; }

@@ -10,7 +10,8 @@ import pytest
 from jaxrmp import Batched, certificate, pullback, pytree
 from jaxrmp.kinematics import ControlPoints, forward_kinematics, panda
 from jaxrmp.leaves import Attractor, Damping
-from jaxrmp.simulation import rollout, whole_arm_policy
+from jaxrmp.policies import whole_arm_policy
+from jaxrmp.simulation import rollout
 from jaxrmp.world import Capsules, SelfDistances, World, panda_self_pairs, panda_spheres
 
 START = jnp.array([0.0, -0.3, 0.0, -2.2, 0.0, 2.0, 0.8], jnp.float32)
@@ -42,7 +43,7 @@ def runs(robot):
     hand = forward_kinematics(robot, START, "panda_hand")
     policy = whole_arm_policy(PullsHand(INTO_THE_BASE, np.asarray(hand)[:3, :3]), robot)
     roll = jax.jit(lambda tree: rollout(tree, START, duration=3.0, dt=0.001, warn=False))
-    own = policy.skill.tree(robot, jnp.eye(4))
+    own = policy.tasks[0].tree(robot, jnp.eye(4))
     return policy, own, roll(own), roll(policy.tree(jnp.eye(4), World()))
 
 

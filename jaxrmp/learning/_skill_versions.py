@@ -1,0 +1,74 @@
+"""Skill files of earlier versions, brought up to date one version after the other."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from .._errors import SkillFileError
+from .._rotations import nearest_rotation
+
+VERSION = 4
+
+
+class SkillContent(NamedTuple):
+    """What a skill file holds: its `header`, as JSON has it, and its `arrays` by name."""
+
+    header: dict[str, Any]
+    arrays: dict[str, np.ndarray]
+
+
+def up_to_date(content: SkillContent) -> SkillContent:
+    """The same skill as a file of version `VERSION` holds it.
+
+    **Raises** `SkillFileError` for a version that this library does not know, and where a file lacks what is needed.
+    """
+    version = content.header.get("version")
+    if type(version) is not int or not 1 <= version <= VERSION:
+        raise SkillFileError(
+            f"it is of version {version!r}; this jaxrmp reads versions 1 to {VERSION}. It was written by jaxrmp "
+            f"{content.header.get('jaxrmp', 'unknown')}: use that or a newer one, or learn the skill again."
+        )
+    for migrate in (_from_1_to_2, _from_2_to_3, _from_3_to_4)[version - 1 :]:
+        content = migrate(content)
+    return content
+
+
+def _from_1_to_2(content: SkillContent) -> SkillContent:
+    """Joint limits get the `frequency` of their barrier's inertia, which version 2 brought, at its default then."""
+    header, arrays = content
+    limited = {"joint_limit/frequency": np.float32(50.0)} if header["limited"] else {}
+    return SkillContent(header, arrays | limited)
+
+
+def _from_2_to_3(content: SkillContent) -> SkillContent:
+    """Metrics say whether they have a support, which early files of version 2 do not; the hand gets its orientation.
+
+    It follows from where the points of the first control point's frame go, if they are three or more and on no line.
+    """
+    header, arrays = content
+    metric = {"reach": 0.0, "convergence": 1e6} | header["configuration"]["metric"]  # as before there were such
+    header = header | {
+        "configuration": header["configuration"] | {"metric": metric},
+        "network": {"supported": False} | header["network"],
+    }
+    rows = [frame == header["frames"][0] for frame in header["frames"]]
+    offsets, targets = (arrays[name][rows] - arrays[name][rows].mean(0) for name in ("offsets", "targets"))
+    if np.linalg.matrix_rank(offsets, 1e-6) < 2:
+        raise SkillFileError(
+            "it is of version 2 or earlier and does not say how the hand is turned at the end, nor do its control "
+            "points, of which fewer than three are off a line: learn the skill again."
+        )
+    R = nearest_rotation(targets.T @ offsets).astype(targets.dtype)
+    return SkillContent(header, arrays | {"R_object_hand": R})
+
+
+def _from_3_to_4(content: SkillContent) -> SkillContent:
+    """The configuration has the gains of the joints' leaves by leaf, under the leaf's own names."""
+    header, arrays = content
+    policy = dict(header["configuration"]["policy"])
+    for leaf in ("joint_damping", "joint_limit"):
+        given = [key for key in policy if key.startswith(f"{leaf}_")]
+        policy[leaf] = {key.removeprefix(f"{leaf}_"): policy.pop(key) for key in given}
+    if "rate" in policy["joint_damping"]:
+        policy["joint_damping"]["damping_rate"] = policy["joint_damping"].pop("rate")
+    return SkillContent(header | {"configuration": header["configuration"] | {"policy": policy}}, arrays)

@@ -1,0 +1,62 @@
+"""What joints need, whatever the arm does: limits, a posture, damping."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from .._task_map import Selection
+from .._tree import Leaf, Node, Sum, pullback
+from ..kinematics import Robot
+from ..leaves import Damping, JointLimit, JointVelocityLimit, Posture
+
+NOTHING = Sum(())
+"""The sum of no policies: what a piece is where there is nothing to do. Added to a node, it leaves that as it is."""
+
+
+def joint_limits(robot: Robot, leaf: Leaf | None = None, **gains: Any) -> Node:
+    """Keeps the joints that have limits within them; `NOTHING` for a robot without. The limits must be numbers.
+
+    **Arguments**: `leaf`, on those joints alone, by default a `JointLimit` with `weight=0.05, damping_rate=5.0,
+    barrier=0.003, reach=0.2`, as the scenes benchmark has it (docs/world.md); `gains`, parameters in place of the
+    leaf's. **Raises** as the leaf, and `TypeError` for a gain that it does not have.
+    """
+    limits = np.asarray(robot.lower), np.asarray(robot.upper)
+    lower, upper = (limit[list(robot.limited)] for limit in limits)
+    leaf = leaf or JointLimit(lower, upper, weight=0.05, damping_rate=5.0, barrier=0.003, reach=0.2)
+    return _on(robot, robot.limited, replace(leaf, **gains))
+
+
+def velocity_limits(robot: Robot, leaf: Leaf | None = None, **gains: Any) -> Node:
+    """Keeps the joints that have velocity limits below them; `NOTHING` for a robot without. As `joint_limits`.
+
+    By default a `JointVelocityLimit` with `onset=0.6`, the share of a limit from which on it is felt.
+    """
+    limit = np.asarray(robot.velocity_limit)
+    rows = np.flatnonzero(np.isfinite(limit)).tolist()
+    return _on(robot, tuple(rows), replace(leaf or JointVelocityLimit(limit[rows], onset=0.6), **gains))
+
+
+def posture(robot: Robot, rest: Any = None, **gains: Any) -> Node:
+    """Draws the joints to `rest` [n], rad or m, by default `robot.middle`, weakly: it decides where no task does.
+
+    **Arguments**: `gains` of `Posture`, by default `weight=0.02`, `stiffness=0.5`, 1/s^2, and `damping_rate=3.0`, 1/s,
+    for a hand that follows a goal dragged on a page. **Raises** as `joint_limits`.
+    """
+    rest = robot.middle if rest is None else np.asarray(rest, float)
+    return Posture(rest, **{"weight": 0.02, "stiffness": 0.5, "damping_rate": 3.0, **gains})
+
+
+def damping(**gains: Any) -> Node:
+    """Slows all joints down, and gives motion that no task takes a metric.
+
+    **Arguments**: `gains` of `Damping`, by default `weight=0.02`, little next to tasks of weight 0.2 to 5, and
+    `damping_rate=1.0`, 1/s. **Raises** as `joint_limits`.
+    """
+    return Damping(**{"weight": 0.02, "damping_rate": 1.0, "name": "joint_damping", **gains})
+
+
+def _on(robot: Robot, rows: tuple[int, ...], leaf: Leaf) -> Node:
+    """A leaf on some of the joints; without a map where they are all."""
+    some = pullback(Selection(rows), leaf) if rows else NOTHING
+    return leaf if len(rows) == robot.num_joints else some

@@ -1,0 +1,31 @@
+"""An arm with nothing around it."""
+
+import os
+from pathlib import Path
+
+from .._errors import RobotError
+from ..kinematics import Robot, load_robot
+from ..kinematics._mujoco import import_mujoco
+from ._parts import arm_spec, on_panda
+from ._scene import Scene
+
+
+def arm_alone(source: str | os.PathLike = "panda", robot: Robot | None = None) -> Scene:
+    """A scene of an arm and its own base, where there is nothing to do but move.
+
+    **Arguments**: `source`, "panda" or an MJCF file whose joints have a motor each; `robot`, the same as a robot, by
+    default `load_robot(source)`.
+    **Raises** `RobotError` for a file that is none, or whose arm cannot be driven.
+    """
+    if str(source) == "panda":
+        spec = arm_spec()
+        spec.delete(spec.geom("floor"))
+        return Scene("arm alone", spec, object="", **on_panda())
+    robot = robot or load_robot(source)
+    try:
+        spec = import_mujoco().MjSpec.from_file(str(Path(source)))
+    except ValueError as error:
+        raise RobotError(f"{source} cannot be read as MJCF or URDF: {error}") from error
+    for key in list(spec.keys):
+        spec.delete(key)
+    return Scene("arm alone", spec, robot, object="")
