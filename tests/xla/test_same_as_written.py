@@ -131,7 +131,7 @@ def both(function, *states, in_axes=0):
 
     def slope(*state):
         *others, x, xd = state
-        return jax.jvp(lambda x: function(*others, x, xd), (x,), (jnp.cos(3 * x),))[1]
+        return jax.jvp(lambda x: function(*others, x, xd), (x,), (jax.tree.map(lambda x: jnp.cos(3 * x), x),))[1]
 
     # In two passes: what is differentiated is not taken apart.
     everything = jax.jit(
