@@ -18,7 +18,6 @@ MODULES = [
     if ">>> " in path.read_text()
 ]
 PACKAGES = [".".join(("jaxrmp", *path.parent.relative_to(PACKAGE).parts)) for path in PACKAGE.rglob("__init__.py")]
-# To be read once they stand: other hands are at work on them.
 NAMES = re.compile(r"(\*{0,2}[A-Za-z]\w*(?:, [A-Za-z]\w*)*)(?: = .*)?", re.DOTALL)
 REFERENCE = re.compile(
     r"(?:arguments\b|the rest)[^.;`]* as (?:in |of )?(`[\w.]+`(?:(?:,|\s+and)\s+`[\w.]+`)*)", re.IGNORECASE
