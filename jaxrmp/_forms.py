@@ -13,7 +13,7 @@ import jax.numpy as jnp
 from ._errors import ShapeError, UnknownNameError
 from ._linalg import cholesky_solve, lu_solve
 from ._pytree import pytree
-from .xla import one_loop
+from .xla import materialise, one_loop
 
 Method = Literal["cholesky", "pinv", "lu"]
 
@@ -109,12 +109,17 @@ def resolve(form: NaturalForm, method: Method = "cholesky") -> jax.Array:
     RMPflow (Cheng et al. 2018), section 3.2.
     """
     if method == "cholesky":
-        return one_loop(cholesky_solve)(form.M, form.f)
+        return _solve_by_cholesky(form.M, form.f)
     if method == "pinv":
         return jnp.einsum("...ij,...j->...i", jnp.linalg.pinv(form.M), form.f)
     if method == "lu":
         return lu_solve(form.M, form.f)
     raise UnknownNameError("method", method, get_args(Method))
+
+
+@one_loop
+def _solve_by_cholesky(M: jax.Array, f: jax.Array) -> jax.Array:
+    return cholesky_solve(materialise(M), materialise(f))  # for where M is too large for a loop of scalars
 
 
 def _refuse_other_space(form: Form, other: Form) -> None:

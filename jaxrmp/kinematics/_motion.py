@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..xla import one_loop
+from ..xla import materialise, one_loop
 from ._robot import Joint, KinematicModel
 from ._scalars import (
     IDENTITY,
@@ -129,7 +129,7 @@ def turns_at(model: KinematicModel, bodies: Iterable[int], q: jax.Array) -> Turn
 
 @one_loop
 def _cosines_and_sines(angles: jax.Array) -> jax.Array:
-    return jnp.concatenate([jnp.cos(angles), jnp.sin(angles)])
+    return materialise(jnp.concatenate([jnp.cos(angles), jnp.sin(angles)]))
 
 
 def _with_those_above(model: KinematicModel, bodies: Iterable[int]) -> list[int]:

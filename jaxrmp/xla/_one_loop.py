@@ -20,7 +20,6 @@ from jax.core import Tracer
 from jax.extend.core import ClosedJaxpr, Literal, Primitive, jaxpr_as_fun
 from jax.interpreters import ad, batching, mlir
 
-from ._materialise import materialise
 from ._plan import Plan, planned
 from ._scalar_program import ScalarProgram
 from ._switch import is_on
@@ -30,11 +29,10 @@ one_loop_p.multiple_results = True
 
 
 class Level(NamedTuple):
-    """An axis that a function is mapped over: its size, its place in each argument, and in all results (0 or -1)."""
+    """An axis that a function is mapped over: its size, and its place in each argument; in results it comes last."""
 
     size: int
     places: tuple[int | None, ...]
-    result: int
 
 
 def one_loop(function: Callable[..., Any], *over: Sequence[int | None]) -> Callable[..., Any]:
@@ -106,16 +104,11 @@ def _as_it_stands(jaxpr, *values):
     return jaxpr_as_fun(jaxpr)(*values)
 
 
-def _written_out(jaxpr, *values):
-    """With its arguments in memory, so that no output computes anew what they are made of."""
-    return jaxpr_as_fun(jaxpr)(*(materialise(v) if v.ndim and v.dtype.kind == "f" else v for v in values))
-
-
 def _mapped(*values, jaxpr, levels, call=_as_it_stands, **_):
     """The function by `jax.vmap`."""
     function = functools.partial(call, jaxpr)
     for level in levels:
-        function = jax.vmap(function, in_axes=level.places, out_axes=level.result)
+        function = jax.vmap(function, in_axes=level.places, out_axes=-1)
     return function(*values)
 
 
@@ -135,22 +128,14 @@ def _one_by_one(jaxpr, *values):
 
 
 def _shapes(*_values, jaxpr, levels, **_):
-    results = []
-    for a in jaxpr.out_avals:
-        shape = list(a.shape)
-        for level in levels:
-            shape.insert(0 if level.result == 0 else len(shape), level.size)
-        results.append(a.update(shape=tuple(shape)))
-    return results
+    return [a.update(shape=(*a.shape, *(level.size for level in levels))) for a in jaxpr.out_avals]
 
 
 def _batch(values, dimensions, *, jaxpr, levels, within, name):
     size = next(v.shape[d] for v, d in zip(values, dimensions, strict=True) if d is not None)
-    level = Level(size, tuple(dimensions), -1)
-    if len(levels) >= within and not plan_of(jaxpr, (*levels, level), within).program:
-        level = level._replace(result=0)  # where `jax.vmap` has it: then all that follows is as without a loop
+    level = Level(size, tuple(dimensions))
     found = one_loop_p.bind(*values, jaxpr=jaxpr, levels=(*levels, level), within=within, name=name)
-    return found, [v.ndim - 1 if level.result else 0 for v in found]
+    return found, [v.ndim - 1 for v in found]
 
 
 def plan_of(jaxpr: ClosedJaxpr, levels: tuple[Level, ...], within: int) -> Plan:
@@ -168,11 +153,10 @@ def _lower_on_cpu(context, *values, jaxpr, levels, within, **_):
     if plan and plan.program:
         if plan.along:
             along = [0 if a.shape else None for a in (*jaxpr.in_avals, *plan.program.constants)]
-            levels = (Level(plan.along, tuple(along), -1), *levels)
+            levels = (Level(plan.along, tuple(along)), *levels)
         function = functools.partial(_in_one_loop, program=plan.program, levels=levels)
     else:
-        call = _written_out if plan and plan.too_large else _as_it_stands
-        function = functools.partial(_mapped, jaxpr=jaxpr, levels=levels, call=call)
+        function = functools.partial(_mapped, jaxpr=jaxpr, levels=levels)
     return mlir.lower_fun(function, multiple_results=True)(context, *values)
 
 
@@ -208,8 +192,7 @@ def _in_one_loop(*values: jax.Array, program: ScalarProgram, levels: tuple[Level
             return found[x]
         return entry(program.steps[x]) if isinstance(x, int) else jnp.full(N, x)
 
-    whole = [jnp.stack([vector(x) for x in o.reshape(-1)]).reshape(*o.shape, *sizes) for o in program.outputs]
-    return [_levels_in_place(v, [level.result for level in levels]) for v in whole]
+    return [jnp.stack([vector(x) for x in o.reshape(-1)]).reshape(*o.shape, *sizes) for o in program.outputs]
 
 
 def _levels_last(v: jax.Array, places: Sequence[int | None]) -> jax.Array:
@@ -222,13 +205,6 @@ def _levels_last(v: jax.Array, places: Sequence[int | None]) -> jax.Array:
     axes = [k for k, n in enumerate(order) if n is None]
     v = v.transpose([*axes, *(order.index(n) for n, place in enumerate(places) if place is not None)])
     return jnp.expand_dims(v, [own + n for n, place in enumerate(places) if place is None])
-
-
-def _levels_in_place(v: jax.Array, places: Sequence[int]) -> jax.Array:
-    """A result whose levels' axes are last, with those first that are to be, the last of them outermost."""
-    own = v.ndim - len(places)
-    first = [own + n for n, place in enumerate(places) if place == 0][::-1]
-    return v.transpose([*first, *(k for k in range(v.ndim) if k not in first)])
 
 
 def _least(dtype):

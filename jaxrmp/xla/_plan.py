@@ -10,20 +10,18 @@ from jax.extend.core import ClosedJaxpr
 from ._scalar_program import NotScalar, ScalarProgram, coordinate_program, scalar_program
 
 logger = logging.getLogger("jaxrmp.xla")
-FEWEST = 128  # states from which on a loop is worth it
+FEWEST = 64  # states from which on a loop is worth it
 
 
 class Plan(NamedTuple):
     """`program`, the function's scalar program, or None where it is mapped as it stands, for a `reason`.
 
-    `along`, if not zero, is the number of coordinates that the program, for one of them, is mapped over, too;
-    `too_large` says that the batch is large enough, and the function is not fit.
+    `along`, if not zero, is the number of coordinates that the program, for one of them, is mapped over, too.
     """
 
     program: ScalarProgram | None
     reason: str = ""
     along: int = 0
-    too_large: bool = False
 
 
 def planned(jaxpr: ClosedJaxpr, batch: tuple[Any, ...]) -> Plan:
@@ -39,13 +37,13 @@ def planned(jaxpr: ClosedJaxpr, batch: tuple[Any, ...]) -> Plan:
 
 @functools.lru_cache(maxsize=256)
 def _taken_apart(jaxpr: ClosedJaxpr) -> Plan:
-    try:
-        return Plan(scalar_program(jaxpr))
-    except NotScalar as error:
-        reason = str(error)
-    try:
+    try:  # first, since it is the smaller program, which compiles in a tenth of the time
         program, along = coordinate_program(jaxpr)
         return Plan(program, along=along)
     except NotScalar:
-        logger.info("a function of %s is no loop: %s", [str(a) for a in jaxpr.in_avals], reason)
-        return Plan(None, reason, too_large=True)
+        pass
+    try:
+        return Plan(scalar_program(jaxpr))
+    except NotScalar as error:
+        logger.info("a function of %s is no loop: %s", [str(a) for a in jaxpr.in_avals], error)
+        return Plan(None, str(error))

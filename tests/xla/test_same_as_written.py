@@ -37,7 +37,7 @@ BATCHES = (FEWEST // 2, FEWEST + 2)  # one on either side
 RNG = np.random.default_rng(0)
 ROBOT = panda()
 LOWER, UPPER = -np.arange(2.0, 5.0), np.arange(2.0, 5.0)
-HAND = ControlPoints(ROBOT, ("panda_hand", "panda_link5"), np.array([[0.0, 0.1, 0.05], [0.0, 0.0, 0.1]]))
+HAND = ControlPoints(ROBOT, ("panda_link3", "panda_link2"), np.array([[0.0, 0.1, 0.05], [0.0, 0.0, 0.1]]))
 POINTS = lambda x: jnp.stack([jnp.sin(x), jnp.cos(x), x * x[::-1]])  # noqa: E731
 SCENE = World(spheres=Spheres.of([((0.4, 0.1, 0.3), 0.1)]), boxes=Boxes.of([(np.eye(4), [0.1, 0.2, 0.3])]))
 POTENTIAL = NominalPotential(RNG.normal(size=(5, 3)), np.arange(5.0)[::-1].copy(), np.ones(3) / 10, 0.5, 5.0)
@@ -61,7 +61,7 @@ LEAVES = {
     JointLimit: (JointLimit(LOWER, UPPER), (3,)),
     JointVelocityLimit: (JointVelocityLimit(1.5), (3,)),
     Learned: (Learned(POTENTIAL, Partial(factor)), (3,)),
-    OrientationAttractor: (OrientationAttractor(np.eye(3)), (9,)),
+    OrientationAttractor: (pullback(FrameRotation(ROBOT, "panda_link3"), OrientationAttractor(np.eye(3))), (7,)),
     Posture: (Posture(np.ones(3)), (3,)),
     StretchedAttractor: (StretchedAttractor(np.ones(3)), (3,)),
     lula.AxisTarget: (lula.AxisTarget(np.eye(3)[0]), (3,)),
@@ -84,11 +84,11 @@ MAPS = {
     jaxrmp.Stack: (stack(jaxrmp.Selection((0,)), jaxrmp.Distance(np.zeros(3))), (3,)),
     jaxrmp.Pointwise: (jaxrmp.Pointwise(jaxrmp.Distance(np.zeros(3))), (2, 3)),
     ControlPoints: (HAND, (7,)),
-    FrameAxes: (FrameAxes(ROBOT, "panda_hand"), (7,)),
-    FrameRotation: (FrameRotation(ROBOT, "panda_hand"), (7,)),
+    FrameAxes: (FrameAxes(ROBOT, "panda_link3"), (7,)),
+    FrameRotation: (FrameRotation(ROBOT, "panda_link3"), (7,)),
     RelativePoints: (RelativePoints(POINTS, jnp.sin), (3,)),
-    PointsInFrame: (PointsInFrame(ROBOT, "panda_hand", HAND), (7,)),
-    AxesAndPosition: (AxesAndPosition(ROBOT, "panda_hand"), (7,)),
+    PointsInFrame: (PointsInFrame(ROBOT, "panda_link3", HAND), (7,)),
+    AxesAndPosition: (AxesAndPosition(ROBOT, "panda_link3"), (7,)),
     ObstacleDistances: (ObstacleDistances(HAND, SCENE, 0.05), (7,)),
     CapsuleDistances: (CapsuleDistances(HAND, HAND, SCENE, 0.05), (7,)),
     SelfDistances: (SelfDistances(HAND, ((0, 1),), 0.05), (7,)),
@@ -118,15 +118,9 @@ def of_map(psi, x, xd):
     there = transport(psi, x, xd)
     J = jnp.cos(jnp.arange(there.y.size, dtype=x.dtype)).reshape(there.y.shape)
     ones = jnp.ones(there.y.shape, x.dtype)
-    dense = jaxrmp.NaturalForm(J, ones[..., None] * (2.0 * jnp.eye(there.y.shape[-1], dtype=x.dtype)))
-    diagonal = jaxrmp.DiagonalForm(J, 2 + ones)
-    return (
-        there.y,
-        there.yd,
-        there.pull(dense).M,
-        there.pull(dense).f,
-        *of_leaf(lambda *_: there.pull(diagonal).dense(), x, xd),
-    )
+    eye = jnp.eye(there.y.shape[-1], dtype=x.dtype)
+    forms = jaxrmp.NaturalForm(J, ones[..., None] * 2 * eye), jaxrmp.DiagonalForm(J, 2 + ones)
+    return there.y, there.yd, [(form.f, form.M) for form in (there.pull(form).dense() for form in forms)]
 
 
 def both(function, *states, in_axes=0):
@@ -189,7 +183,7 @@ PARTS = {
     "JointLimit.evaluate",
     "CollisionAvoidance.evaluate",
     "Damping.evaluate",
-    "cholesky_solve",
+    "_solve_by_cholesky",
 }
 
 
@@ -204,7 +198,7 @@ def test_what_should_be_taken_apart_is():
     parts = report(policy_24_pairs, *example, batch=FEWEST, in_axes=(None, 0, 0))
     assert {part.name for part in parts} >= PARTS
     assert [part for part in parts if not part.taken_apart] == []
-    assert all(0 < part.operations <= 3000 for part in parts if part.name not in ("Damping.evaluate", "_as_points"))
+    assert max(part.operations for part in parts) <= 3000 < sum(part.operations for part in parts)
     few = report(policy_24_pairs, *example, batch=FEWEST - 1, in_axes=(None, 0, 0))
     assert {part.reason for part in few} == {f"a batch of {FEWEST - 1} < {FEWEST} states"}
 
