@@ -9,8 +9,8 @@ import numpy as np
 from jax.lax import Precision
 
 from .._pytree import pytree, static
-from .._tree import Batched, Node, pullback
-from ..kinematics import ControlPoints, FrameRotation, Robot
+from .._tree import Node, pullback
+from ..kinematics import FrameRotation, Position, Robot
 from ..leaves import Attractor, OrientationAttractor
 from ._joints import NOTHING
 
@@ -37,8 +37,7 @@ def hand_at(
     """
     T, node = jnp.asarray(T_world_goal), NOTHING
     if position is not None:
-        at = Batched(replace(position, goal=T[:3, 3]), shared=True)
-        node = node + pullback(ControlPoints(robot, frame), at)
+        node = node + pullback(Position(robot, frame), replace(position, goal=T[:3, 3]))
     if orientation is not None:
         node = node + pullback(FrameRotation(robot, frame), replace(orientation, R_world_goal=T[:3, :3]))
     return node
