@@ -74,6 +74,7 @@ _ON_FIRST_USE = (
     "io",
     "learning",
     "policies",
+    "reports",
     "scenes",
     "simulation",
     "synthetic",
