@@ -74,7 +74,6 @@ _ON_FIRST_USE = (
     "io",
     "learning",
     "policies",
-    "reports",
     "scenes",
     "simulation",
     "synthetic",

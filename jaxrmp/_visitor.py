@@ -22,24 +22,23 @@ class Visitor:
     """A question to a tree. What it carries down, `state`, and what it brings up are its own affair."""
 
     def visit_leaf(self, leaf: "Leaf", state: Any) -> Any:
-        """What is found at a `leaf`, `state` having come down to it."""
+        """A leaf."""
         raise NotImplementedError
 
     def visit_sum(self, nodes: "tuple[Node, ...]", state: Any) -> Any:
-        """`nodes` that act together on the same space, with the `state` of it."""
+        """Nodes that act together on the same space."""
         raise NotImplementedError
 
     def visit_pullback(self, task_map: Any, node: "Node", state: Any) -> Any:
-        """A `node` on another space, behind a `task_map`, and the `state` before it."""
+        """A node on another space, behind a task map."""
         raise NotImplementedError
 
     def visit_batched(self, node: "Node", shared: bool, state: Any) -> Any:
-        """A `node` at each of K points of a `state`, its parameters with a leading axis of K unless they are
-        `shared`."""
+        """A node at each of K points, its parameters with a leading axis of K unless they are `shared`."""
         raise NotImplementedError
 
     def visit_scaled(self, node: "Node", share: Any, state: Any) -> Any:
-        """A `node` of which a `share` counts, at a `state`; to most questions, the node."""
+        """A node of which a `share` counts; to most questions, the node."""
         return node.accept(self, state)
 
 

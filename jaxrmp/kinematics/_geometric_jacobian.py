@@ -15,7 +15,6 @@ def geometric_jacobian(robot: Robot, q: jax.Array, frame: str) -> jax.Array:
     **Returns** `J` [6, n], the linear rows first; differentiable, in `q`'s dtype.
     **Raises** `UnknownNameError` if there is no such frame, `ShapeError` if `q` is not [n].
 
-    >>> import jax.numpy as jnp
     >>> from jaxrmp.kinematics import panda
     >>> J = geometric_jacobian(panda(), jnp.zeros(7), "panda_hand")
     >>> J.shape, J[3:, 0].tolist()

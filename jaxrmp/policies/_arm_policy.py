@@ -21,10 +21,9 @@ from ._joints import NOTHING, damping, joint_limits, posture, velocity_limits
 class ArmPolicy:
     """From where the target and the obstacles are to the tree of policies; all its numbers are parameters.
 
-    `robot`; `tasks`, each with a method `tree(robot, T_world_target)`, such as a `learning.Skill` or a `HandGoal`;
-    `always`, a node on joint space that depends on neither target nor obstacles; `spheres` on the robot, None for none,
-    that keep off obstacles by the leaf `avoidance`. `dataclasses.replace` gives another policy: `always=policy.always +
-    leaf`.
+    `tasks`, each with a method `tree(robot, T_world_target)`, such as a `learning.Skill` or a `HandGoal`; `always`, a
+    node on joint space that depends on neither target nor obstacles; `spheres` on the robot, None for none, that keep
+    off obstacles by the leaf `avoidance`. `dataclasses.replace` gives another policy: `always=policy.always + leaf`.
     """
 
     robot: Robot
@@ -34,8 +33,7 @@ class ArmPolicy:
     avoidance: Leaf = AVOIDANCE
 
     def tree(self, T_world_target: jax.Array, world: World) -> Node:
-        """The policy with the target at `T_world_target` [4, 4] and the obstacles of `world`; no avoidance in a world
-        without slots."""
+        """The policy with the target at a pose [4, 4] and these obstacles; no avoidance in a world without slots."""
         tasks = sum((task.tree(self.robot, T_world_target) for task in self.tasks), NOTHING)
         return tasks + self.always + avoidance(self.robot, self.spheres, world, self.avoidance)
 
@@ -47,8 +45,8 @@ def whole_arm_policy(skill: Any, robot: Robot, spheres: RobotSpheres | None = No
     control points lie within 3 mm of one line, so that learned leaves leave the turn about it all but free; the weight
     is small enough to be felt there only. Avoidance is felt within 5 cm, and little, not to change what was learned.
 
-    **Arguments**: `skill`, a `learning.Skill`, or what has its `tree`, `R_object_hand` and `frames`; `robot`; `spheres`
-    that cover the robot, by default its `own_spheres`; if it has none, a warning says why, and nothing is avoided.
+    **Arguments**: `skill`, a `learning.Skill`, or what has its `tree`, `R_object_hand` and `frames`; `spheres` that
+    cover the robot, by default its `own_spheres`; if it has none, a warning says why, and nothing is avoided.
     """
     T = np.eye(4)
     T[:3, :3] = skill.R_object_hand
@@ -67,8 +65,8 @@ def reaching_policy(
 
     The gains suit an arm of about a metre and steps of 1 ms; the policy is in single precision.
 
-    **Arguments**: `robot`; `rest`, see `posture`; `spheres`, see `whole_arm_policy`; `self_collision`, whether the
-    links keep off each other. **Raises** `UnknownNameError` for a frame that is not there.
+    **Arguments**: `rest`, see `posture`; `spheres`, see `whole_arm_policy`; `self_collision`, whether the links keep
+    off each other. **Raises** `UnknownNameError` for a frame that is not there.
     """
     robot.frame_index(hand)
     spheres = spheres or _spheres_of(robot)

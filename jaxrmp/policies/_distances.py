@@ -20,8 +20,8 @@ AVOIDANCE = replace(SELF_AVOIDANCE, reach=0.06, name="collision_avoidance")
 def avoidance(robot: Robot, spheres: RobotSpheres | None, world: World, leaf: Leaf = AVOIDANCE, **gains: Any) -> Node:
     """Keeps spheres on the robot off obstacles; `NOTHING` without spheres or in a world without slots.
 
-    **Arguments**: `robot`; `world`; `spheres`, such as `own_spheres(robot).moving(robot)`: those of a base would feel
-    what it stands on; `leaf`, on the distances, m; `gains`, parameters in place of the leaf's.
+    **Arguments**: `spheres`, such as `own_spheres(robot).moving(robot)`: those of a base would feel what it stands on;
+    `leaf`, on the distances, m; `gains`, parameters in place of the leaf's.
     **Raises** `UnknownNameError` for spheres on frames that are not there, and as `joint_limits`.
     """
     if spheres is None or not spheres.size or not world.size:
@@ -36,7 +36,7 @@ def self_avoidance(
     leaf: Leaf = SELF_AVOIDANCE,
     **gains: Any,
 ) -> Node:
-    """Keeps `pairs` (i, j) of spheres on the robot off each other, by default `own_self_pairs(robot, spheres)`.
+    """Keeps pairs (i, j) of spheres on the robot off each other, by default `own_self_pairs(robot, spheres)`.
 
     `NOTHING` without pairs; the rest as `avoidance`.
     """

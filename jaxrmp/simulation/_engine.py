@@ -30,7 +30,7 @@ class Engine(Protocol):
         ...
 
     def advance(self, state: Any) -> Any:
-        """`chunk` steps from `state` of all that have not ended."""
+        """`chunk` steps of all that have not ended."""
         ...
 
     def bytes_needed(self, batch: int) -> int:
@@ -51,12 +51,12 @@ class Outcomes(NamedTuple):
         return np.asarray(self.track.status)
 
     def take(self, indices: np.ndarray) -> "Outcomes":
-        """Those of the starts `indices`."""
+        """Those of some starts."""
         return jax.tree.map(lambda array: array[indices], self)
 
 
 def largest_batch(engine: Engine, wanted: int) -> int:
-    """The largest batch, `wanted` or halves of it, whose call of `engine` fits into half of the free memory.
+    """The largest batch, `wanted` or halves of it, whose call fits into half of the memory that is free.
 
     **Raises** `ConfigurationError` if not even one start a device fits.
     """
@@ -85,9 +85,8 @@ def simulate(
     So the work is the sum of the rollouts' own lengths, and memory does not grow with the number of starts. Only few
     sizes of batch are ever compiled: `batch`, and a quarter and a sixteenth of it for the last ones.
 
-    **Arguments**: `engine`; `starts` [N, n], at rest; `progress`, called with how many have ended and N; `watch`,
-    called after every chunk with the indices of the starts in the batch [B] (-1 where a place is empty) and their
-    states.
+    **Arguments**: `starts` [N, n], at rest; `progress`, called with how many have ended and N; `watch`, called after
+    every chunk with the indices of the starts in the batch [B] (-1 where a place is empty) and their states.
     **Returns** `Outcomes`. **Raises** `ShapeError`, `ConfigurationError` for a batch that devices cannot share.
     """
     starts = np.asarray(starts, np.float32)

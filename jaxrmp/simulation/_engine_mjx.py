@@ -33,10 +33,9 @@ class MjxState(NamedTuple):
 
 
 class MjxEngine:
-    """Computed torque within torque and velocity limits, as `MujocoEngine`, in MJX.
+    """Computed torque within torque and velocity limits, as `MujocoEngine`, in MJX; arguments as there.
 
-    **Arguments** as `MujocoEngine`; `devices`, by default all of this process. The model is part of the compiled
-    program.
+    `devices`, by default all of this process. The model is part of the compiled program.
 
     **Raises** `MissingDependencyError` without mujoco-mjx.
     """
@@ -74,7 +73,7 @@ class MjxEngine:
         return MjxState(q, np.zeros_like(q), qpos, qvel, qvel.copy(), Track.fresh(len(q)))
 
     def advance(self, state: MjxState) -> MjxState:
-        """`chunk` steps from `state` of all that have not ended."""
+        """`chunk` steps of all that have not ended."""
         return jax.tree.map(np.asarray, self._advance(self._problem, self.devices.split(state)))
 
     def bytes_needed(self, batch: int) -> int:

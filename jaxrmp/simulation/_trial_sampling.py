@@ -28,8 +28,8 @@ def sample_trials(
     `DISPLACEMENT` in a random horizontal direction, 0.5 to 2.5 s after the start, in every trial. Variations in
     collision at the start are drawn again.
 
-    **Arguments**: `scene`; `paths`, N demonstrations [T, n], rad; `poses`, the object's N poses [4, 4] in them; the
-    same `seed` gives the same trials, whatever `count` is.
+    **Arguments**: `paths`, N demonstrations [T, n], rad; `poses`, the object's N poses [4, 4] in them; the same `seed`
+    gives the same trials, whatever `count` is.
     **Raises** `ConfigurationError` for a count below one, a demonstrated start in collision, or if no variation free of
     collision is found.
     """

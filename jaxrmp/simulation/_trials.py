@@ -90,7 +90,7 @@ class Trace(NamedTuple):
 
 
 class Run(NamedTuple):
-    """All `trials` of a run, how they ended, `outcomes`, and how they went, `traces`; `scene`, where."""
+    """All trials of a run: how they began, ended and went. `scene`, where."""
 
     scene: Any
     trials: tuple[Trial, ...]

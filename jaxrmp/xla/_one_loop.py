@@ -43,7 +43,7 @@ def one_loop(function: Callable[..., Any], *over: Sequence[int | None]) -> Calla
     with numbers that are known to be zero are left out.
 
     **Arguments**: `over`, for every axis that the function is mapped over in each state of the batch, the axes of its
-    arguments, like the `in_axes` of `jax.vmap`; in the results these axes come last, in this order.
+    arguments, as `in_axes` of `jax.vmap`; in the results these axes come last, in this order.
     """
 
     @functools.wraps(function)

@@ -34,11 +34,7 @@ def test_examples_in_docstrings(name):
 def public_values(package):
     """Functions and classes that a package exports, by name."""
     values = vars(importlib.import_module(package)).items()
-    own = {
-        n: v
-        for n, v in values
-        if n[0] != "_" and (inspect.isclass(v) or inspect.isroutine(v) or hasattr(v, "__wrapped__"))
-    }
+    own = {name: value for name, value in values if name[0] != "_" and callable(value) and hasattr(value, "__module__")}
     return {name: value for name, value in own.items() if value.__module__.startswith("jaxrmp.")}
 
 
