@@ -33,7 +33,7 @@ class ArmPolicy:
     avoidance: Leaf = AVOIDANCE
 
     def tree(self, T_world_target: jax.Array, world: World) -> Node:
-        """The policy with the target at `T_world_target` [4, 4] and obstacles `world`; without slots, none is avoided."""
+        """The policy with the target at `T_world_target` [4, 4] and the obstacles of `world`, which may have none."""
         tasks = sum((task.tree(self.robot, T_world_target) for task in self.tasks), NOTHING)
         return tasks + self.always + avoidance(self.robot, self.spheres, world, self.avoidance)
 

@@ -38,7 +38,7 @@ def velocity_limits(robot: Robot, leaf: Leaf | None = None, **gains: Any) -> Nod
 
 
 def posture(robot: Robot, rest: Any = None, **gains: Any) -> Node:
-    """Draws joints of a `robot` to `rest` [n], rad or m, by default its `middle`, weakly: it decides where no task does.
+    """Draws a `robot` to `rest` [n], rad or m, by default its `middle`, weakly: it decides where no task does.
 
     **Arguments**: `gains` of `Posture`, by default `weight=0.02`, `stiffness=0.5`, 1/s^2, and `damping_rate=3.0`, 1/s,
     for a hand that follows a goal dragged on a page. **Raises** as `joint_limits`.

@@ -57,8 +57,8 @@ class Scene:
     What success is: `goal`, in a word or two, is reached while `left` says so and the hand is slower than `speed`, m/s.
     Here: the hand within `position`, m, and `angle`, rad, of `T_object_hand` [4, 4], where the demonstrations left it
     in the object's frame. `per_round`: a variation is drawn for a round of demonstrated starts, not for each trial.
-    `model`, of another such scene, saves compiling `spec`. A scene of its own kind derives from this class and says in `left` and `vary` what holds
-    there.
+    `model`, a `mujoco.MjModel`, is compiled from `spec` unless given. A scene of its own kind derives from this class
+    and says in `left` and `vary` what holds there.
 
     **Raises** `RobotError` for an arm that is not in the model or cannot be driven, `UnknownNameError` for a name that
     is not there, `ConfigurationError` for an object that cannot be placed.

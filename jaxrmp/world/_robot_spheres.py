@@ -67,8 +67,8 @@ class RobotSpheres:
         return self._of(rows)
 
     def moving(self, robot: Robot) -> "RobotSpheres":
-        """The spheres that some joint of `robot` moves, perhaps none: the others, of a base or of a link that turns about its own
-        axis, can avoid nothing, and may touch what they stand on."""
+        """The spheres that some joint of `robot` moves, perhaps none: others, of a base or a link that turns about its
+        own axis, can avoid nothing, and may touch what they stand on."""
         rows = [
             i for i, (name, at) in enumerate(zip(self.frames, self.offsets, strict=True)) if _moves(robot, name, at)
         ]

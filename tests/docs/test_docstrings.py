@@ -34,8 +34,9 @@ def test_examples_in_docstrings(name):
 def public_values(package):
     """Functions and classes that a package exports, by name."""
     values = vars(importlib.import_module(package)).items()
+    # What is called by its own name, jitted functions too, and not instances that can be called, as leaves can.
     own = {
-        name: value for name, value in values if name[0] != "_" and (inspect.isclass(value) or inspect.isroutine(value))
+        name: value for name, value in values if name[0] != "_" and callable(value) and hasattr(value, "__qualname__")
     }
     return {name: value for name, value in own.items() if value.__module__.startswith("jaxrmp.")}
 
