@@ -29,7 +29,7 @@ def hand_at(
     position: Attractor | None = HAND_POSITION,
     orientation: OrientationAttractor | None = HAND_ORIENTATION,
 ) -> Node:
-    """Brings a frame of the robot to a pose [4, 4], m, and holds it there against what pushes it.
+    """Brings a `frame` of the `robot` to a pose `T_world_goal` [4, 4], m, and holds it there against what pushes it.
 
     **Arguments**: `position` and `orientation`, the leaves for the two, their goals set from the pose; None leaves the
     position, or the turn, free.
@@ -45,7 +45,7 @@ def hand_at(
 
 @pytree
 class HandGoal:
-    """The task of an `ArmPolicy` to have a frame of the robot at `T_target_frame` [4, 4], by `hand_at`."""
+    """The task of an `ArmPolicy` to have a frame at `T_target_frame` [4, 4]; the rest as `hand_at` has it."""
 
     T_target_frame: Any
     frame: str = static()
@@ -53,6 +53,6 @@ class HandGoal:
     orientation: OrientationAttractor | None = HAND_ORIENTATION
 
     def tree(self, robot: Robot, T_world_target: jax.Array) -> Node:
-        """The policy with the target at a pose [4, 4]."""
+        """The policy of a `robot` with the target at `T_world_target` [4, 4]."""
         T = jnp.matmul(jnp.asarray(T_world_target), self.T_target_frame, precision=Precision.HIGHEST)
         return hand_at(robot, self.frame, T, self.position, self.orientation)
