@@ -96,14 +96,16 @@ def _of_one(slot, radius, p, v):
 _pairs = one_loop(_of_one, (None, 0, 0, 0), (0, None, None, None))
 
 
-def _of_distances(f, d, g, bend):
-    """What distances [O] ask of a point together: `f n`, and the lower triangle of `d n n^T`, row by row, summed up."""
+def _of_distance(f, d, g, bend):
+    """Force and metric at a point for a distance there: `f n`, and the lower triangle of `d n n^T`, row by row."""
     force = f - d * bend
     weighted = [d * n for n in g]
-    parts = (*(force * n for n in g), *(weighted[i] * g[j] for i in range(3) for j in range(i + 1)))
-    # As products with ones: a reduction over a short last axis is no loop that XLA:CPU vectorises.
-    ones = jnp.ones(f.shape, f.dtype)
-    return [part @ ones for part in parts]
+    return (*(force * n for n in g), *(weighted[i] * g[j] for i in range(3) for j in range(i + 1)))
+
+
+def _of_distances(f, d, g, bend):
+    """What distances [O] ask of a point together."""
+    return [jnp.sum(part) for part in one_loop(_of_distance, (0,) * 4)(f, d, g, bend)]
 
 
 _asked = one_loop(_of_distances, (0,) * 4)

@@ -11,10 +11,10 @@ import pytest
 from jax.tree_util import Partial
 
 import jaxrmp
-from jaxrmp import GDS, Batched, Leaf, TaskMap, acceleration, compose, pullback, stack, transport
+from jaxrmp import Batched, GeometricDynamicalSystem, Leaf, TaskMap, acceleration, compose, pullback, stack, transport
 from jaxrmp.io import load_lula
 from jaxrmp.io._axes_and_position import AxesAndPosition
-from jaxrmp.kinematics import ControlPoints, FrameAxes, FrameRotation, PointsInFrame, RelativePoints, panda
+from jaxrmp.kinematics import ControlPoints, FrameAxes, FrameRotation, PointsInFrame, Position, RelativePoints, panda
 from jaxrmp.leaves import (
     Attractor,
     CollisionAvoidance,
@@ -51,9 +51,11 @@ def factor(x):
     return jnp.eye(3) + jnp.tril(jnp.outer(jnp.sin(x), jnp.cos(x))) / 4
 
 
+SYSTEM = GeometricDynamicalSystem.of(state_metric, lambda x: x @ x, state_metric)
+
 # An example of each: the node or map, and the shape of its states.
 LEAVES = {
-    GDS: (GDS(Partial(state_metric), Partial(lambda x: x @ x), Partial(state_metric)), (3,)),
+    type(SYSTEM): (SYSTEM, (3,)),
     Attractor: (Attractor(np.ones(3)), (3,)),
     CollisionAvoidance: (CollisionAvoidance(reach=2.0, frequency=20.0), (3,)),
     Damping: (Damping(), (3,)),
@@ -86,6 +88,7 @@ MAPS = {
     ControlPoints: (HAND, (7,)),
     FrameAxes: (FrameAxes(ROBOT, "panda_link3"), (7,)),
     FrameRotation: (FrameRotation(ROBOT, "panda_link3"), (7,)),
+    Position: (Position(ROBOT, "panda_link3"), (7,)),
     RelativePoints: (RelativePoints(POINTS, jnp.sin), (3,)),
     PointsInFrame: (PointsInFrame(ROBOT, "panda_link3", HAND), (7,)),
     AxesAndPosition: (AxesAndPosition(ROBOT, "panda_link3"), (7,)),
@@ -254,11 +257,10 @@ def test_the_switch_keeps_programs_apart():
 
     with machinery(False):
         off = text()
-        assert "reduce" not in off
         many(x, x)
         with machinery(True):
-            assert "reduce" in text()
-    assert "reduce" in text()
+            assert text() != off
+    assert text() != off
     assert many._cache_size() == 1
     many(x, x)
     assert many._cache_size() == 2
