@@ -154,6 +154,10 @@ import sys, jaxrmp
 assert set({sorted(lazy)}) <= set(dir(jaxrmp)) and not any("jaxrmp." + name in sys.modules for name in {sorted(lazy)})
 assert jaxrmp.learning.load_skill is sys.modules["jaxrmp.learning"].load_skill
 assert jaxrmp.policies.damping().weight == 0.02
+for name in {sorted(lazy)}:
+    getattr(jaxrmp, name)
+import jax
+assert not jax._src.xla_bridge._backends, "importing did work on a device, and jax.distributed must come before that"
 try:
     jaxrmp.lerning
 except AttributeError as error:
