@@ -101,8 +101,8 @@ class Leaf(Node):
         return Measured(self.evaluate(x, xd), self.energy(x, xd), self.dissipation(x, xd))
 
     def gap(self, x: jax.Array) -> jax.Array:
-        """How far the leaf is from what it is about, a scalar in units of x: the distance left to its goal, or the
-        least distance that it keeps. NaN if it is about no place, as damping is; if it has a goal and does not say
+        """How far `x` [n] is from what the leaf is about, a scalar in units of x: the distance left to its goal, or
+        the least distance that it keeps. NaN if it is about no place, as damping is; if it has a goal and does not say
         where, `|x|`."""
         return length(x.reshape(-1)) if self.has_goal else jnp.full((), jnp.nan, x.dtype)
 
@@ -170,7 +170,7 @@ class Batched(Node):
 
 @pytree
 class Scaled(Node):
-    """A policy of which a `share` counts: force, metric, energy and dissipation alike; with 0, it is switched off.
+    """A `node` of which a `share` counts: force, metric, energy and dissipation alike; with 0, it is switched off.
 
     A scaled geometric dynamical system is one too, so the certificate holds for every share that stays as it is.
 

@@ -22,23 +22,23 @@ class Visitor:
     """A question to a tree. What it carries down, `state`, and what it brings up are its own affair."""
 
     def visit_leaf(self, leaf: "Leaf", state: Any) -> Any:
-        """A leaf."""
+        """A `leaf`; `state`, what the walk carries: where it is on the leaf's space, for instance."""
         raise NotImplementedError
 
     def visit_sum(self, nodes: "tuple[Node, ...]", state: Any) -> Any:
-        """Nodes that act together on the same space."""
+        """`nodes` that act together on the same space; `state`, as in `visit_leaf`."""
         raise NotImplementedError
 
     def visit_pullback(self, task_map: Any, node: "Node", state: Any) -> Any:
-        """A node on another space, behind a task map."""
+        """A `node` on another space, behind a `task_map`; `state`, as in `visit_leaf`."""
         raise NotImplementedError
 
     def visit_batched(self, node: "Node", shared: bool, state: Any) -> Any:
-        """A node at each of K points, its parameters with a leading axis of K unless they are `shared`."""
+        """A `node` at each of K points of `state`, its parameters with a leading axis of K unless `shared`."""
         raise NotImplementedError
 
     def visit_scaled(self, node: "Node", share: Any, state: Any) -> Any:
-        """A node of which a `share` counts; to most questions, the node."""
+        """A `node` of which a `share` counts; to most questions, the node. `state`, as in `visit_leaf`."""
         return node.accept(self, state)
 
 

@@ -17,7 +17,7 @@ def build_parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="jaxrmp",
         description="Stable reactive motion policies for robots: learn them from demonstrations, evaluate them, run "
-        "them in physics, and watch them, learned or hand-designed, in the browser.",
+        "them in physics, watch them in the browser.",
         epilog=EXIT_CODES,
     )
     parser.add_argument("--version", action="version", version=f"jaxrmp {__version__}")

@@ -13,7 +13,7 @@ from ._evaluate import skill_problem
 
 
 def scene_problem(skill: Skill, robot: Robot, scene: Scene) -> Problem:
-    """What `evaluate` rolls out in a scene: the whole arm's policy, which avoids its obstacles.
+    """What `evaluate` rolls out of a `skill` in a `scene`: the policy of the whole `robot`, which avoids obstacles.
 
     Distances to the furniture are watched too: it counts where it is at first, and what the skill is to touch
     (`Scene.may_touch`) does not count, nor do those parts of the arm that stand on something. Spheres cover the arm and
@@ -27,7 +27,7 @@ def scene_problem(skill: Skill, robot: Robot, scene: Scene) -> Problem:
 
 
 def scene_world(scene: Scene) -> World:
-    """What the arm must not touch in a scene, where it is at first."""
+    """What the arm must not touch in a `scene`, where it is at first."""
     mujoco = import_mujoco()
     m, data = scene.model, scene.fresh()
     mujoco.mj_kinematics(m, data)

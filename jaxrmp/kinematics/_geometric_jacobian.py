@@ -16,7 +16,7 @@ def geometric_jacobian(robot: Robot, q: jax.Array, frame: str) -> jax.Array:
     **Raises** `UnknownNameError` if there is no such frame, `ShapeError` if `q` is not [n].
 
     >>> from jaxrmp.kinematics import panda
-    >>> J = geometric_jacobian(panda(), jnp.zeros(7), "panda_hand")
+    >>> J = geometric_jacobian(panda(), jax.numpy.zeros(7), "panda_hand")
     >>> J.shape, J[3:, 0].tolist()
     ((6, 7), [0.0, 0.0, 1.0])
 

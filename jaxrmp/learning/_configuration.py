@@ -77,8 +77,8 @@ class MetricSettings:
 
 @settings("policy")
 class PolicySettings:
-    """Gains of the learned policy: cruise `speed`, m/s; `damping_rate`, 1/s; and those of the leaves `Damping` of all
-    joints and `JointLimit`, by name, where they are not to be as here or as the leaf has them."""
+    """Gains of the learned policy: cruise `speed`, m/s; `damping_rate`, 1/s; and by name, where they are not to
+    be as the leaf has them, `joint_damping` of `Damping` on all joints and `joint_limit` of `JointLimit`."""
 
     speed: Positive[float] = 0.2
     damping_rate: Positive[float] = 40.0

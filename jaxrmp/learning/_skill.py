@@ -82,7 +82,7 @@ class Skill:
         return replace(self, learned=replace(self.learned, **arrays))
 
     def load_robot(self, file: str | None = None) -> Robot:
-        """The robot that the skill was learned on, or the same one of another file, should its own have moved.
+        """The robot that the skill was learned on, or the same one of another `file`, should its own have moved.
 
         **Raises** `RobotError` if it cannot be read or has other kinematics.
         """

@@ -56,7 +56,8 @@ class OrientationAttractor(GeometricDynamicalSystem):
             if R.shape != (3, 3):
                 raise ShapeError(f"R_world_goal has shape {R.shape}, expected (3, 3).")
             check_rigid(pose(np.zeros(3), R), "R_world_goal")
-        set_field(self, "R_world_goal", jnp.asarray(self.R_world_goal))
+        if not isinstance(self.R_world_goal, jax.Array):
+            set_field(self, "R_world_goal", np.asarray(self.R_world_goal, float))
 
     def gap(self, x: jax.Array) -> jax.Array:
         """The angle from `x` [9] to the goal, rad, for the inspector."""

@@ -22,7 +22,7 @@ class ArmPolicy:
     """From where the target and the obstacles are to the tree of policies; all its numbers are parameters.
 
     `tasks`, each with a method `tree(robot, T_world_target)`, such as a `learning.Skill` or a `HandGoal`; `always`, a
-    node on joint space that depends on neither target nor obstacles; `spheres` on the robot, None for none, that keep
+    node on joint space that depends on neither target nor obstacles; `spheres` on the `robot`, None for none, that keep
     off obstacles by the leaf `avoidance`. `dataclasses.replace` gives another policy: `always=policy.always + leaf`.
     """
 
@@ -33,7 +33,7 @@ class ArmPolicy:
     avoidance: Leaf = AVOIDANCE
 
     def tree(self, T_world_target: jax.Array, world: World) -> Node:
-        """The policy with the target at a pose [4, 4] and these obstacles; no avoidance in a world without slots."""
+        """The policy with the target at `T_world_target` [4, 4] and the obstacles of `world`, which may have none."""
         tasks = sum((task.tree(self.robot, T_world_target) for task in self.tasks), NOTHING)
         return tasks + self.always + avoidance(self.robot, self.spheres, world, self.avoidance)
 
@@ -46,7 +46,7 @@ def whole_arm_policy(skill: Any, robot: Robot, spheres: RobotSpheres | None = No
     is small enough to be felt there only. Avoidance is felt within 5 cm, and little, not to change what was learned.
 
     **Arguments**: `skill`, a `learning.Skill`, or what has its `tree`, `R_object_hand` and `frames`; `spheres` that
-    cover the robot, by default its `own_spheres`; if it has none, a warning says why, and nothing is avoided.
+    cover the `robot`, by default its `own_spheres`; if it has none, a warning says why, and nothing is avoided.
     """
     T = np.eye(4)
     T[:3, :3] = skill.R_object_hand
@@ -65,8 +65,8 @@ def reaching_policy(
 
     The gains suit an arm of about a metre and steps of 1 ms; the policy is in single precision.
 
-    **Arguments**: `rest`, see `posture`; `spheres`, see `whole_arm_policy`; `self_collision`, whether the links keep
-    off each other. **Raises** `UnknownNameError` for a frame that is not there.
+    **Arguments**: `robot`; `rest`, see `posture`; `spheres`, see `whole_arm_policy`; `self_collision`, whether its
+    links keep off each other. **Raises** `UnknownNameError` for a frame that is not there.
     """
     robot.frame_index(hand)
     spheres = spheres or _spheres_of(robot)

@@ -18,7 +18,7 @@ AVOIDANCE = replace(SELF_AVOIDANCE, reach=0.06, name="collision_avoidance")
 
 
 def avoidance(robot: Robot, spheres: RobotSpheres | None, world: World, leaf: Leaf = AVOIDANCE, **gains: Any) -> Node:
-    """Keeps spheres on the robot off obstacles; `NOTHING` without spheres or in a world without slots.
+    """Keeps spheres on a `robot` off the obstacles of a `world`; `NOTHING` without spheres or slots.
 
     **Arguments**: `spheres`, such as `own_spheres(robot).moving(robot)`: those of a base would feel what it stands on;
     `leaf`, on the distances, m; `gains`, parameters in place of the leaf's.
@@ -36,7 +36,7 @@ def self_avoidance(
     leaf: Leaf = SELF_AVOIDANCE,
     **gains: Any,
 ) -> Node:
-    """Keeps pairs (i, j) of spheres on the robot off each other, by default `own_self_pairs(robot, spheres)`.
+    """Keeps `pairs` (i, j) of spheres on the robot off each other, by default `own_self_pairs(robot, spheres)`.
 
     `NOTHING` without pairs; the rest as `avoidance`.
     """

@@ -9,8 +9,8 @@ import numpy as np
 from jax.lax import Precision
 
 from .._pytree import pytree, static
-from .._tree import Batched, Node, pullback
-from ..kinematics import ControlPoints, FrameRotation, Robot
+from .._tree import Node, pullback
+from ..kinematics import FrameRotation, Position, Robot
 from ..leaves import Attractor, OrientationAttractor
 from ._joints import NOTHING
 
@@ -29,7 +29,7 @@ def hand_at(
     position: Attractor | None = HAND_POSITION,
     orientation: OrientationAttractor | None = HAND_ORIENTATION,
 ) -> Node:
-    """Brings a frame of the robot to a pose [4, 4], m, and holds it there against what pushes it.
+    """Brings a `frame` of the `robot` to a pose `T_world_goal` [4, 4], m, and holds it there against what pushes it.
 
     **Arguments**: `position` and `orientation`, the leaves for the two, their goals set from the pose; None leaves the
     position, or the turn, free.
@@ -37,8 +37,7 @@ def hand_at(
     """
     T, node = jnp.asarray(T_world_goal), NOTHING
     if position is not None:
-        at = Batched(replace(position, goal=T[:3, 3]), shared=True)
-        node = node + pullback(ControlPoints(robot, frame), at)
+        node = node + pullback(Position(robot, frame), replace(position, goal=T[:3, 3]))
     if orientation is not None:
         node = node + pullback(FrameRotation(robot, frame), replace(orientation, R_world_goal=T[:3, :3]))
     return node
@@ -46,7 +45,7 @@ def hand_at(
 
 @pytree
 class HandGoal:
-    """The task of an `ArmPolicy` to have a frame of the robot at `T_target_frame` [4, 4], by `hand_at`."""
+    """The task of an `ArmPolicy` to have a frame at `T_target_frame` [4, 4]; the rest as `hand_at` has it."""
 
     T_target_frame: Any
     frame: str = static()
@@ -54,6 +53,6 @@ class HandGoal:
     orientation: OrientationAttractor | None = HAND_ORIENTATION
 
     def tree(self, robot: Robot, T_world_target: jax.Array) -> Node:
-        """The policy with the target at a pose [4, 4]."""
+        """The policy of a `robot` with the target at `T_world_target` [4, 4]."""
         T = jnp.matmul(jnp.asarray(T_world_target), self.T_target_frame, precision=Precision.HIGHEST)
         return hand_at(robot, self.frame, T, self.position, self.orientation)

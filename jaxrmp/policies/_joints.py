@@ -15,7 +15,7 @@ NOTHING = Sum(())
 
 
 def joint_limits(robot: Robot, leaf: Leaf | None = None, **gains: Any) -> Node:
-    """Keeps the joints that have limits within them; `NOTHING` for a robot without. The limits must be numbers.
+    """Keeps the joints that have limits within them; `NOTHING` for a `robot` without. The limits must be numbers.
 
     **Arguments**: `leaf`, on those joints alone, by default a `JointLimit` with `weight=0.05, damping_rate=5.0,
     barrier=0.003, reach=0.2`, as the scenes benchmark has it (docs/world.md); `gains`, parameters in place of the
@@ -28,7 +28,7 @@ def joint_limits(robot: Robot, leaf: Leaf | None = None, **gains: Any) -> Node:
 
 
 def velocity_limits(robot: Robot, leaf: Leaf | None = None, **gains: Any) -> Node:
-    """Keeps the joints that have velocity limits below them; `NOTHING` for a robot without. As `joint_limits`.
+    """Keeps the joints that have velocity limits below them; `NOTHING` without any. Arguments as `joint_limits`.
 
     By default a `JointVelocityLimit` with `onset=0.6`, the share of a limit from which on it is felt.
     """
@@ -38,7 +38,7 @@ def velocity_limits(robot: Robot, leaf: Leaf | None = None, **gains: Any) -> Nod
 
 
 def posture(robot: Robot, rest: Any = None, **gains: Any) -> Node:
-    """Draws the joints to `rest` [n], rad or m, by default `robot.middle`, weakly: it decides where no task does.
+    """Draws a `robot` to `rest` [n], rad or m, by default its `middle`, weakly: it decides where no task does.
 
     **Arguments**: `gains` of `Posture`, by default `weight=0.02`, `stiffness=0.5`, 1/s^2, and `damping_rate=3.0`, 1/s,
     for a hand that follows a goal dragged on a page. **Raises** as `joint_limits`.

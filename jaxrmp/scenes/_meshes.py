@@ -40,8 +40,8 @@ def panda_meshes() -> Path | None:
 
 
 def picture_model(place: Scene, meshes: str | os.PathLike | None = None) -> Any:
-    """The model of a scene as it is drawn: the Panda with the looks of Menagerie's where they are at hand, else as it
-    is.
+    """The model of the scene `place` as it is drawn: the Panda with the looks of Menagerie's where they are at hand,
+    else as it is.
 
     States of one are states of the other. **Arguments**: `meshes`, the MJCF file, by default `panda_meshes()`.
     **Raises** `RobotError` for a file that is not that.

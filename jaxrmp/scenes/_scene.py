@@ -56,8 +56,9 @@ class Scene:
 
     What success is: `goal`, in a word or two, is reached while `left` says so and the hand is slower than `speed`, m/s.
     Here: the hand within `position`, m, and `angle`, rad, of `T_object_hand` [4, 4], where the demonstrations left it
-    in the object's frame. A scene of its own kind derives from this class and says in `left` and `vary` what holds
-    there.
+    in the object's frame. `per_round`: a variation is drawn for a round of demonstrated starts, not for each trial.
+    `model`, a `mujoco.MjModel`, is compiled from `spec` unless given. A scene of its own kind derives from this class
+    and says in `left` and `vary` what holds there.
 
     **Raises** `RobotError` for an arm that is not in the model or cannot be driven, `UnknownNameError` for a name that
     is not there, `ConfigurationError` for an object that cannot be placed.
@@ -80,7 +81,6 @@ class Scene:
     angle: float = float(np.radians(10.0))
     speed: float = float("inf")
     per_round: bool = False
-    """Whether a variation is drawn for every round of demonstrated starts, and not for every trial."""
     T_object_hand: np.ndarray | None = None
     model: Any = None
 
@@ -90,7 +90,7 @@ class Scene:
             self._check()
 
     def left(self, data: Any) -> Left:
-        """What is left to the goal in a state of the model, a `mujoco.MjData`."""
+        """What is left to the goal in `data`, a state of the model: a `mujoco.MjData`."""
         if self.T_object_hand is None:
             raise ConfigurationError(
                 f"scene {self.name!r} needs T_object_hand, the hand's pose in the object's frame that counts as there: "
@@ -103,24 +103,24 @@ class Scene:
         return Left(error <= self.position and angle <= self.angle, words, error, angle)
 
     def vary(self, trial: Any, rng: np.random.Generator, shown: Sequence[tuple[np.ndarray, np.ndarray]]) -> Any:
-        """A `simulation.Trial` like the one given, varied; None if this draw will not do.
+        """A `simulation.Trial` like `trial`, varied; None if this draw will not do.
 
-        Here: every joint of the start by up to `START_SPREAD`. **Arguments**: `shown`, the demonstrations, each as its
-        path [T, n], rad, and the object's pose [4, 4].
+        Here: every joint of the start by up to `START_SPREAD`. **Arguments**: `rng`, of all chance; `shown`, the
+        demonstrations, each as its path [T, n], rad, and the object's pose [4, 4].
         """
         q = trial.q + rng.uniform(-START_SPREAD, START_SPREAD, len(trial.q))
         return trial._replace(q=np.clip(q, np.asarray(self.robot.lower), np.asarray(self.robot.upper)))
 
     def obstacles(self, T_world_object: np.ndarray | None = None) -> World:
-        """What the policy is told to avoid with the object at a pose [4, 4], default at first. Here: nothing."""
+        """What the policy is told to avoid with the object at `T_world_object`, default at first. Here: nothing."""
         return World()
 
     def at(self, trial: Any) -> "Scene":
-        """The scene as it is in a `simulation.Trial`; the model is shared."""
+        """The scene as it is in `trial`, a `simulation.Trial`; the model is shared."""
         return replace(self, **{**dict(trial.changes), "T_world_object": check_rigid(trial.T_world_object)})
 
     def with_object(self, T_world_object: np.ndarray) -> "Scene":
-        """The same scene with the object elsewhere at first; the model is shared."""
+        """The same scene with the object at `T_world_object` [4, 4] at first; the model is shared."""
         return replace(self, T_world_object=check_rigid(T_world_object))
 
     def fresh(self) -> Any:
@@ -151,27 +151,27 @@ class Scene:
         return data
 
     def place(self, data: Any, T_world_object: np.ndarray) -> None:
-        """Put the object, and all that stands with it, at a pose [4, 4], from MuJoCo's next step on.
+        """Put the object, and all with it, at `T_world_object` [4, 4] in `data`, from MuJoCo's next step on.
 
         **Raises** `RigidTransformError`.
         """
         self.move_object(data, check_rigid(T_world_object))
 
     def move_object(self, data: Any, T_world_object: np.ndarray) -> None:
-        """Move the object alone; the pose is not checked."""
+        """Move the object alone, in `data`, to `T_world_object` [4, 4], which is not checked."""
         if self.object:
             position, wxyz = self._object_state(data)
             position[:], wxyz[:] = T_world_object[:3, 3], quaternion_of_rotation(T_world_object[:3, :3])
 
     def object_pose(self, data: Any) -> np.ndarray:
-        """`T_world_object` [4, 4], the frame that skills speak of."""
+        """`T_world_object` [4, 4] in `data`, the frame that skills speak of."""
         if not self.object:
             return np.array(self.T_world_object, float)
         position, wxyz = self._object_state(data)
         return pose(position, rotation_of_quaternion(wxyz))
 
     def hand_pose(self, data: Any) -> np.ndarray:
-        """`T_world_hand` [4, 4]."""
+        """`T_world_hand` [4, 4] in `data`."""
         if self._hand_is_site:
             site = self.model.site(self.hand).id
             return pose(data.site_xpos[site], data.site_xmat[site].reshape(3, 3))
@@ -179,11 +179,11 @@ class Scene:
         return pose(data.xpos[body], data.xmat[body].reshape(3, 3))
 
     def joint_position(self, data: Any) -> float:
-        """Where the task's joint is, m or rad."""
+        """Where the task's joint is in `data`, m or rad."""
         return float(data.qpos[self.model.joint(self.joint).qposadr[0]])
 
     def contacts(self, data: Any) -> list[str]:
-        """What the arm touches and must not, itself included, as "geometry of the arm's body - other geometry"."""
+        """What the arm touches in `data` and must not, itself too, as "geometry of the arm's body - other geometry"."""
         m, found = self.model, set()
         for a, b in data.contact.geom[data.contact.dist < 0].tolist():
             a, b = (a, b) if self.of_arm[a] else (b, a)
@@ -193,7 +193,7 @@ class Scene:
         return sorted(found)
 
     def touches(self, path: np.ndarray) -> bool:
-        """Whether the arm touches what it must not anywhere on a path [T, n], everything else as at first."""
+        """Whether the arm touches what it must not anywhere on a `path` [T, n], everything else as at first."""
         mujoco, data = import_mujoco(), self.fresh()
         for q in path:
             data.qpos[self.arm_qpos] = q
@@ -204,7 +204,7 @@ class Scene:
         return False
 
     def clearance(self, data: Any) -> float:
-        """Least distance of the arm's geometry to what it must not touch, planes aside, m; at most 1."""
+        """Least distance in `data` of the arm's geometry to what it must not touch, planes aside, m; at most 1."""
         mujoco = import_mujoco()
         m, least = self.model, _FAR
         x, reach = data.geom_xpos, m.geom_rbound
@@ -217,7 +217,7 @@ class Scene:
         return float(least)
 
     def check_object(self, name: str, skill: str = "") -> None:
-        """**Raises** `ConfigurationError` unless the object of a `skill`, empty for none, is the one tracked here."""
+        """**Raises** `ConfigurationError` unless `name`, the object of a `skill`, empty for none, is tracked here."""
         if (name or "") == self.tracked:
             return
         raise ConfigurationError(

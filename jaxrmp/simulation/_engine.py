@@ -30,7 +30,7 @@ class Engine(Protocol):
         ...
 
     def advance(self, state: Any) -> Any:
-        """`chunk` steps of all that have not ended."""
+        """`chunk` steps of all in `state` that have not ended."""
         ...
 
     def bytes_needed(self, batch: int) -> int:
@@ -51,12 +51,12 @@ class Outcomes(NamedTuple):
         return np.asarray(self.track.status)
 
     def take(self, indices: np.ndarray) -> "Outcomes":
-        """Those of some starts."""
+        """Those of the starts `indices` [K]."""
         return jax.tree.map(lambda array: array[indices], self)
 
 
 def largest_batch(engine: Engine, wanted: int) -> int:
-    """The largest batch, `wanted` or halves of it, whose call fits into half of the memory that is free.
+    """The largest batch, `wanted` or halves of it, whose call of `engine` fits into half of the memory that is free.
 
     **Raises** `ConfigurationError` if not even one start a device fits.
     """
@@ -80,7 +80,7 @@ def simulate(
     progress: Callable[[int, int], None] | None = None,
     watch: Callable[[np.ndarray, Any], None] | None = None,
 ) -> Outcomes:
-    """Roll out from many starts, `batch` of them at a time: whoever ends makes room for the next one.
+    """Roll out by `engine` from many starts, `batch` of them at a time: whoever ends makes room for the next one.
 
     So the work is the sum of the rollouts' own lengths, and memory does not grow with the number of starts. Only few
     sizes of batch are ever compiled: `batch`, and a quarter and a sixteenth of it for the last ones.

@@ -50,7 +50,7 @@ class KinematicEngine:
         return KinematicState(q, np.zeros_like(q), np.zeros_like(q), Track.fresh(len(q)))
 
     def advance(self, state: KinematicState) -> KinematicState:
-        """`chunk` steps of all that have not ended."""
+        """`chunk` steps of all in `state` that have not ended."""
         state = _advance(self._problem, self.devices.split(state), self.criteria, self.dt, **self._settings())
         return jax.tree.map(np.asarray, state)
 

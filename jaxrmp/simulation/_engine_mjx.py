@@ -33,7 +33,7 @@ class MjxState(NamedTuple):
 
 
 class MjxEngine:
-    """Computed torque within torque and velocity limits, as `MujocoEngine`, in MJX; arguments as there.
+    """Computed torque within torque and velocity limits, in MJX; arguments as `MujocoEngine`.
 
     `devices`, by default all of this process. The model is part of the compiled program.
 
@@ -73,7 +73,7 @@ class MjxEngine:
         return MjxState(q, np.zeros_like(q), qpos, qvel, qvel.copy(), Track.fresh(len(q)))
 
     def advance(self, state: MjxState) -> MjxState:
-        """`chunk` steps of all that have not ended."""
+        """`chunk` steps of all in `state` that have not ended."""
         return jax.tree.map(np.asarray, self._advance(self._problem, self.devices.split(state)))
 
     def bytes_needed(self, batch: int) -> int:

@@ -51,7 +51,7 @@ class MujocoEngine:
         return MujocoState(q, np.zeros_like(q), full, Track.fresh(len(q)))
 
     def advance(self, state: MujocoState) -> MujocoState:
-        """`chunk` steps of all that have not ended."""
+        """`chunk` steps of all in `state` that have not ended."""
         mujoco, model = self._mujoco, self.scene.model
         self._grow(len(state.q))
         arms = self._arms[: len(state.q)]

@@ -75,16 +75,16 @@ class Problem:
     distances: tuple[TaskMap, ...] = ()
 
     def goal_error(self, q: jax.Array) -> jax.Array:
-        """The largest distance of a control point to its target, m."""
+        """The largest distance of a control point to its target at `q` [n], m."""
         square = jnp.sum(self.points(q) ** 2, axis=-1)
         return jnp.sqrt(jnp.max(square))
 
     def there(self, criteria: StopCriteria, q: jax.Array, qd: jax.Array) -> jax.Array:
-        """Whether a state counts as at the goal."""
+        """Whether a state `q, qd` counts as at the goal, by `criteria`."""
         return (self.goal_error(q) < criteria.tolerance) & (jnp.max(jnp.abs(qd)) < criteria.settled)
 
     def clearance(self, q: jax.Array) -> jax.Array:
-        """The least of all distances, m; infinite where none is watched."""
+        """The least of all distances at `q` [n], m; infinite where none is watched."""
         least = jnp.full((), jnp.inf, q.dtype)
         for distances in self.distances:
             least = jnp.minimum(least, jnp.min(distances(q), initial=jnp.inf))

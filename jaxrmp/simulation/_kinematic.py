@@ -11,6 +11,7 @@ from jax.core import Tracer
 
 from .._errors import ConfigurationError, RolloutError, ShapeError
 from .._forms import Method
+from .._pytree import as_pytree
 from .._tree import Node
 from ..inspection import goals
 from ._arrival import warn_if_out_of_reach
@@ -61,6 +62,15 @@ def rollout(
         raise ShapeError(f"q has shape {q.shape} and qd {qd.shape}, expected [n] for both. For many starts, vmap.")
     h = dt / substeps
 
+    tree = jax.tree.map(lambda part: as_pytree(part) if callable(part) else part, tree)
+    path = _rolled(tree, q, qd, h, dt, round(duration / dt) + 1, substeps, method)
+    if warn and not isinstance(path.q, Tracer):
+        _check(tree, path, h, method)
+    return path
+
+
+@partial(jax.jit, static_argnames=("steps", "substeps", "method"))  # so that numbers alone do not compile again
+def _rolled(tree, q, qd, h, dt, steps, substeps, method) -> Rollout:
     # For gradients, a step is computed again rather than kept: a fortieth of the memory, and faster (on a CPU).
     @partial(jax.checkpoint, prevent_cse=False)
     def advance(state, _):
@@ -70,12 +80,8 @@ def rollout(
         seen = (state.q, state.qd, tree.energy(state.q, state.qd), goals(tree, state.q))
         return jax.lax.scan(advance, state, length=substeps)[0], seen
 
-    steps = round(duration / dt) + 1
     _, (q_all, qd_all, energy, left) = jax.lax.scan(record, Motion(q, jnp.zeros_like(q), qd), length=steps)
-    path = Rollout(dt * jnp.arange(steps, dtype=q.dtype), q_all, qd_all, energy, left.gap, left.names)
-    if warn and not isinstance(path.q, Tracer):
-        _check(tree, path, h, method)
-    return path
+    return Rollout(dt * jnp.arange(steps, dtype=q.dtype), q_all, qd_all, energy, left.gap, left.names)
 
 
 def _check(tree: Node, path: Rollout, h: float, method: Method) -> None:

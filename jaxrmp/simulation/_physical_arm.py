@@ -12,7 +12,7 @@ from ._judge import End, Track
 
 
 class PhysicalArm:
-    """An arm in a scene, driven by accelerations: computed torque within velocity and torque limits.
+    """An arm in a `scene`, driven by accelerations: computed torque within velocity and torque limits.
 
     `data`, its `mujoco.MjData`; `touching`, how many contacts it had in the last step; `torque` [n], what drove it, N
     m, and `cut` [n], which of it a limit cut.
@@ -35,11 +35,11 @@ class PhysicalArm:
         self._mujoco.mj_step1(self.scene.model, self.data)
 
     def act(self, qdd: np.ndarray) -> None:
-        """One step with the joint accelerations [n] that the policy asks for."""
+        """One step with the joint accelerations `qdd` [n] that the policy asks for."""
         self.drive(within_velocity_limits(qdd, self.data.qvel[self._places[1]], self._speed_limit))
 
     def drive(self, qdd: np.ndarray) -> None:
-        """One step with the torques that give these accelerations [n], cut at the torque limits."""
+        """One step with the torques that give accelerations `qdd` [n], cut at the torque limits."""
         model, data = self.scene.model, self.data
         _, dofs, actuators, gear = self._places
         self.torque, self.cut = computed_torque(arm_dynamics(model, data, dofs), qdd, self._limit)

@@ -32,7 +32,7 @@ def run_trials(
     first: int = 0,
     progress: Callable[[float], None] | None = None,
 ) -> Run:
-    """Run a policy in physics from many starts.
+    """Run a policy in a `scene`'s physics from the starts of `trials`.
 
     Every millisecond: the object's pose from the tracker, joint accelerations from the policy, cut at the velocity
     limits, torques from them cut at the torque limits, one step of MuJoCo. Trials that are over drop out: at the

@@ -37,7 +37,7 @@ class Motion(NamedTuple):
 
 
 def euler(state: Motion, qdd: jax.Array, dt: jax.Array | float) -> Motion:
-    """A step of semi-implicit Euler, `qd += dt qdd; q += dt qd`.
+    """A step of semi-implicit Euler, `qd += dt qdd; q += dt qd`, from `state`; `qdd` [n], `dt` in s.
 
     Positions are summed with what rounding cuts off (Kahan): in single precision a joint slower than 6e-5 rad/s would
     not move at all in steps of a millisecond.

@@ -24,7 +24,7 @@ def sample_trials(
 ) -> list[Trial]:
     """The demonstrated starts, each with the object where it was then, and after them variations of them in turn.
 
-    Variations are the scene's own (`Scene.vary`). With `displace` there are none, but the object is moved by
+    Variations are those of the `scene` (`Scene.vary`). With `displace` there are none, but the object is moved by
     `DISPLACEMENT` in a random horizontal direction, 0.5 to 2.5 s after the start, in every trial. Variations in
     collision at the start are drawn again.
 

@@ -90,7 +90,7 @@ class Trace(NamedTuple):
 
 
 class Run(NamedTuple):
-    """All trials of a run: how they began, ended and went. `scene`, where."""
+    """All trials of a run in a `scene`: how they began, `trials`, ended, `outcomes`, and went, `traces`."""
 
     scene: Any
     trials: tuple[Trial, ...]

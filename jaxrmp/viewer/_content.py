@@ -50,11 +50,10 @@ def skill_content(
     scene: Scene | None = None,
     balls: int = 1,
 ) -> Content:
-    """A skill on its robot, in a scene or alone, its object where it was demonstrated.
+    """A `skill` on its `robot`, in a `scene` or alone, its object where it was demonstrated.
 
     **Arguments**: `prepared`, the demonstrations: the arm starts where the first of them starts; None if they cannot be
-    had. `balls`, how many draggable obstacles there may be. The rest as
-    `learning` and `scenes` have it.
+    had; `balls`, how many draggable obstacles there may be.
     """
     built_in = robot.fingerprint == panda().fingerprint
     start = READY if built_in else robot.middle

@@ -14,7 +14,7 @@ _ENOUGH = 100  # spheres: the first fineness that does with as many is taken, el
 
 
 def own_spheres(robot: Robot, hand: str | None = None) -> RobotSpheres:
-    """Spheres that cover a robot, from the geometry of its own file: for the built-in Panda, `panda_spheres()`.
+    """Spheres that cover a `robot`, from the geometry of its own file: for the built-in Panda, `panda_spheres()`.
 
     They stick out of it by 1.5 cm at most, or by 3 or 6 where else there would be more than 100. The link of the frame
     `hand` and what it carries, which pass close to things, are covered to 8 mm if possible.
@@ -42,7 +42,7 @@ def own_spheres(robot: Robot, hand: str | None = None) -> RobotSpheres:
 
 
 def own_self_pairs(robot: Robot, spheres: RobotSpheres) -> tuple[tuple[int, int], ...]:
-    """The pairs of spheres that must not meet, by `self_pairs` and what the robot's own file excludes."""
+    """The pairs of `spheres` that must not meet, by `self_pairs` and what the own file of `robot` excludes."""
     return self_pairs(robot, spheres.frames, ignored_by_model(robot.source) if robot.source else None)
 
 

@@ -67,8 +67,8 @@ class RobotSpheres:
         return self._of(rows)
 
     def moving(self, robot: Robot) -> "RobotSpheres":
-        """The spheres that some joint moves, perhaps none: the others, of a base or of a link that turns about its own
-        axis, can avoid nothing, and may touch what they stand on."""
+        """The spheres that some joint of `robot` moves, perhaps none: others, of a base or a link that turns about its
+        own axis, can avoid nothing, and may touch what they stand on."""
         rows = [
             i for i, (name, at) in enumerate(zip(self.frames, self.offsets, strict=True)) if _moves(robot, name, at)
         ]
@@ -105,7 +105,7 @@ def spheres_from_model(
 
 
 def geometry_of_model(source: str | os.PathLike) -> Any:
-    """The compiled MuJoCo model of a file, with all its bodies and geometry. **Raises** `RobotError`."""
+    """The compiled MuJoCo model of a file, `source`, with all its bodies and geometry. **Raises** `RobotError`."""
     mujoco = import_mujoco()
     if not Path(source).is_file():
         raise RobotError(f"{source}: there is no such file. Give the path of an MJCF or URDF file.")

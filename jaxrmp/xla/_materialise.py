@@ -32,7 +32,7 @@ def materialise(x: jax.Array) -> jax.Array:
 
 
 def concatenated(groups: Sequence[Sequence[jax.Array]]) -> tuple[jax.Array, ...]:
-    """Every group of vectors as one vector; in a batch on a CPU, all of them by one loop.
+    """Every one of `groups` of vectors as one vector; in a batch on a CPU, all of them by one loop.
 
     That loop has the entries of all groups next to each other, and computes what they share once. Groups are alike,
     array by array: vector k has the same size in each.

@@ -1,6 +1,7 @@
 """The layers hold: what importing jaxrmp brings, and who may import whom."""
 
 import ast
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -146,14 +147,17 @@ def test_the_walk_sees_the_imports_it_judges():
 
 
 def test_parts_that_need_optional_packages_are_there_on_first_use():
-    lazy = (
-        {p.name for p in PACKAGE.iterdir() if p.is_dir() and any(p.glob("*.py"))} - LAYERS["core"] - {"leaves", "cli"}
-    )
+    parts = {p.name for p in PACKAGE.iterdir() if p.is_dir() and any(p.glob("*.py"))}
+    lazy = parts - LAYERS["core"] - {"xla", "reports", "cli"}  # always there; and not for import
     program = f"""
 import sys, jaxrmp
 assert set({sorted(lazy)}) <= set(dir(jaxrmp)) and not any("jaxrmp." + name in sys.modules for name in {sorted(lazy)})
 assert jaxrmp.learning.load_skill is sys.modules["jaxrmp.learning"].load_skill
 assert jaxrmp.policies.damping().weight == 0.02
+for name in {sorted(lazy)}:
+    getattr(jaxrmp, name)
+import jax
+assert not jax._src.xla_bridge._backends, "importing did work on a device, and jax.distributed must come before that"
 try:
     jaxrmp.lerning
 except AttributeError as error:
@@ -176,3 +180,16 @@ def test_files_are_short_and_named_after_an_idea(path):
     lines = len(path.read_text().splitlines())
     assert lines <= 400, f"{name_of(path)} has {lines} lines; split it at an idea"
     assert path.stem.strip("_") not in {"util", "utils", "helpers", "misc", "common"}
+
+
+def test_nobody_but_the_tree_asks_of_what_kind_a_node_is():
+    """What walks over a tree is a `Visitor`: a new kind of node is evaluated, inspected and held by its `accept`."""
+    asked = re.compile(r"isinstance\([^)]*\b(Sum|Pullback|Batched|Scaled)\b")
+    found = [name_of(path) for path in MODULES if asked.search(path.read_text())]
+    assert found == ["_tree.py"]
+
+
+def test_nothing_compares_the_names_of_scenes():
+    """They are looked up by name in one place, and bring what is special about them."""
+    compared = re.compile(r"\b(scene|place)\.name\s*(==|!=|in)\b|[=!]= *[\"'](drawer|door)")
+    assert [name_of(path) for path in MODULES if compared.search(path.read_text())] == []

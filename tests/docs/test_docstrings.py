@@ -18,7 +18,6 @@ MODULES = [
     if ">>> " in path.read_text()
 ]
 PACKAGES = [".".join(("jaxrmp", *path.parent.relative_to(PACKAGE).parts)) for path in PACKAGE.rglob("__init__.py")]
-# To be read once they stand: other hands are at work on them.
 NAMES = re.compile(r"(\*{0,2}[A-Za-z]\w*(?:, [A-Za-z]\w*)*)(?: = .*)?", re.DOTALL)
 REFERENCE = re.compile(
     r"(?:arguments\b|the rest)[^.;`]* as (?:in |of )?(`[\w.]+`(?:(?:,|\s+and)\s+`[\w.]+`)*)", re.IGNORECASE
@@ -35,7 +34,10 @@ def test_examples_in_docstrings(name):
 def public_values(package):
     """Functions and classes that a package exports, by name."""
     values = vars(importlib.import_module(package)).items()
-    own = {name: value for name, value in values if name[0] != "_" and callable(value) and hasattr(value, "__module__")}
+    # What is called by its own name, jitted functions too, and not instances that can be called, as leaves can.
+    own = {
+        name: value for name, value in values if name[0] != "_" and callable(value) and hasattr(value, "__qualname__")
+    }
     return {name: value for name, value in own.items() if value.__module__.startswith("jaxrmp.")}
 
 
@@ -52,17 +54,18 @@ def named_in(value):
     found = {name.lstrip("*") for span in spans if span for name in span[1].split(", ")}
     for match in REFERENCE.finditer(text):
         for name in re.findall(r"`([\w.]+)`", match[1]):
-            found |= named_in(referred(value, name.rpartition(".")[2]))
+            meant = referred(value, name.rpartition(".")[2])
+            found |= named_in(meant) if meant else set()
     return found
 
 
 def referred(value, name):
-    """What a docstring means by `name`: a method of the same class, or else what is public under that name."""
+    """What a docstring means by `name`: a method of the same class, or what is public so; None if neither."""
     owner = getattr(inspect.getmodule(value), value.__qualname__.partition(".")[0], None)
     if inspect.isclass(owner) and owner is not value and hasattr(owner, name):
         return getattr(owner, name)
     packages = sorted(PACKAGES, key=lambda package: not value.__module__.startswith(package))
-    return next(public_values(package)[name] for package in packages if name in public_values(package))
+    return next((public_values(package)[name] for package in packages if name in public_values(package)), None)
 
 
 def unnamed_in(value):
@@ -100,6 +103,10 @@ def test_unnamed_arguments_are_found():
     def referred(tree, x, dt, step):
         """A step of `dt`, s; the rest as `jaxrmp.certificate`."""
 
+    def foreign(axes, step):
+        """`step`; arguments as `in_axes` of `jax.vmap`."""
+
+    assert unnamed_in(foreign) == ["axes"]
     assert unnamed_in(none) == ["q", "qd"]
     assert unnamed_in(both) == []
     assert unnamed_in(referred) == ["step"]  # it names tree and x

@@ -8,8 +8,9 @@ from jax.tree_util import Partial
 from scipy.integrate import solve_ivp
 
 from jaxrmp import GeometricDynamicalSystem, pullback
-from jaxrmp.leaves import Damping, JointLimit
+from jaxrmp.leaves import Attractor, Damping, JointLimit
 from jaxrmp.simulation import StiffnessWarning, rollout
+from jaxrmp.simulation._kinematic import _rolled
 
 K, C, B = np.array([4.0, 9.0]), 0.5, np.array([0.6, 1.0])
 
@@ -92,3 +93,13 @@ def test_a_rollout_that_is_not_finite_says_when_it_ceased_to_be():
     time = float(path.time[np.isfinite(np.asarray(path.qd)).all(1).argmin()])
     assert any(f"not finite from {time:.3g} s on" in message for message in messages)
     assert any("longest stable step here is 0.000667 s" in message for message in messages)
+
+
+def test_an_eager_rollout_with_other_numbers_compiles_nothing_anew():
+    def roll(goal, step):
+        return rollout(Attractor(jnp.full(2, goal)), jnp.zeros(2), duration=step * 40, dt=step, warn=False)
+
+    first = roll(0.5, 0.01)
+    known = _rolled._cache_size()
+    second = roll(-0.3, 0.02)
+    assert _rolled._cache_size() == known and not np.allclose(first.q, second.q)
