@@ -57,7 +57,7 @@ def test_limits_are_of_the_joints_that_have_them(arm):
 
 def test_gains_and_leaves_are_taken_in_place_of_the_defaults(arm, spheres):
     assert policies.damping(weight=0.5).weight == 0.5
-    assert next(policies.joint_limits(arm, reach=0.07).leaves()).reach == 0.07
+    assert policies.joint_limits(arm, reach=0.07).leaves()[0].reach == 0.07
     own = JointLimit(-np.ones(5), np.ones(5), name="mine")
     assert names(policies.joint_limits(arm, own)) == ["mine"]
     world = World(spheres=Spheres.of([((0.4, 0.0, 0.4), 0.1)]))
