@@ -84,11 +84,11 @@ def test_of_several_states_the_stiffest_counts_and_one_program_serves_all_gains(
         traces.append(1)
         return rate * jnp.diag(1 + x * x)
 
-    policy = dataclasses.replace(linear([1.0], [0.0], [0.0]), damping=Partial(drag, 10.0))
+    policy = dataclasses.replace(linear([1.0], [0.0], [0.0]), damping_of=Partial(drag, 10.0))
     q = np.array([[0.0], [2.0], [np.nan]])
     assert stable_step(policy, q, 0 * q) == pytest.approx(2 / 50)
     before = len(traces)
-    faster = dataclasses.replace(policy, damping=Partial(drag, 20.0))
+    faster = dataclasses.replace(policy, damping_of=Partial(drag, 20.0))
     assert stable_step(faster, q, 0 * q) == pytest.approx(2 / 100)
     assert len(traces) == before
 
