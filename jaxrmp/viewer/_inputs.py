@@ -45,9 +45,14 @@ def gain_value(policy: Any, path: str) -> float:
     return float(np.mean([np.mean(getattr(leaf, name)) for leaf in _holders(policy, path)]))
 
 
-def with_gain(policy: Any, path: str, value: float) -> Any:
-    """The same policy with a gain set, for all points alike, in whatever part of it the leaf is."""
+def with_gain(policy: Any, path: str, value: Any) -> Any:
+    """The same policy with a gain set, for all points alike, in whatever part of it the leaf is.
+
+    **Raises** `KeyError` for a gain that it does not have.
+    """
     name = path.partition(".")[2]
+    if not _holders(policy, path):
+        raise KeyError(path)
 
     def changed(part: Any) -> Any:
         if not _holds(part, path):

@@ -1,7 +1,6 @@
 """The page of `jaxrmp teach`: the hand is dragged, and what it does is recorded."""
 
 import threading
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,9 +18,9 @@ from ._taught_configuration import write_configuration
 
 BY_HAND, BY_JOINTS = "drag the hand", "joint sliders"
 _JOINT_GAINS = {  # in place of the hand's leaves, a stiff posture that the sliders set
-    "reach.weight_near": 0.0,
-    "reach.weight_far": 0.0,
-    "turn.weight": 0.0,
+    "hand_position.weight_near": 0.0,
+    "hand_position.weight_far": 0.0,
+    "hand_orientation.weight": 0.0,
     "posture.weight": 1.0,
     "posture.stiffness": 100.0,
     "posture.damping_rate": 20.0,
@@ -111,9 +110,8 @@ class Teacher(Session):
         known = getattr(self, "_by_joints", None)
         if known is None or known[:2] != (id(policy), q):
             stiff = policy
-            for path, value in _JOINT_GAINS.items():
+            for path, value in {**_JOINT_GAINS, "posture.rest": np.array(q)}.items():
                 stiff = with_gain(stiff, path, value)
-            stiff = replace(stiff, posture=replace(stiff.posture, rest=np.array(q, np.float32)))
             known = self._by_joints = (id(policy), q, stiff)
         return known[2]
 
