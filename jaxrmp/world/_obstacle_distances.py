@@ -105,7 +105,7 @@ def _of_distance(f, d, g, bend):
 
 def _of_distances(f, d, g, bend):
     """What distances [O] ask of a point together."""
-    return [jnp.sum(part) for part in one_loop(_of_distance, (0,) * 4)(f, d, g, bend)]
+    return list(jnp.sum(jnp.stack(one_loop(_of_distance, (0,) * 4)(f, d, g, bend)), axis=1))
 
 
 _asked = one_loop(_of_distances, (0,) * 4)

@@ -2,6 +2,7 @@
 
 import json
 import os
+from functools import partial
 from pathlib import Path
 
 import jax
@@ -126,21 +127,25 @@ def of_map(psi, x, xd):
     return there.y, there.yd, [(form.f, form.M) for form in (there.pull(form).dense() for form in forms)]
 
 
+def values(function, *states):
+    return function(*states)
+
+
+def slopes(function, *states):
+    """Along a direction of the positions. What is differentiated is not taken apart."""
+    *others, x, xd = states
+    return jax.jvp(lambda x: function(*others, x, xd), (x,), (jax.tree.map(lambda x: jnp.cos(3 * x), x),))[1]
+
+
+WHAT = pytest.mark.parametrize("of", [values, slopes])
+
+
 def both(function, *states, in_axes=0):
-    """Values, and their slopes along a direction, by the machinery and as written."""
-
-    def slope(*state):
-        *others, x, xd = state
-        return jax.jvp(lambda x: function(*others, x, xd), (x,), (jax.tree.map(lambda x: jnp.cos(3 * x), x),))[1]
-
-    # In two passes: what is differentiated is not taken apart.
-    everything = jax.jit(
-        lambda *s: (jax.vmap(function, in_axes)(*s), jax.vmap(slope, in_axes)(*s)),
-        compiler_options={"xla_llvm_disable_expensive_passes": True},
-    )
+    """What a batch gives by the machinery, and as written."""
+    many = jax.jit(jax.vmap(function, in_axes), compiler_options={"xla_backend_optimization_level": 0})
     with machinery(False):
-        expected = everything(*states)
-    return everything(*states), expected
+        expected = many(*states)
+    return many(*states), expected
 
 
 def assert_same(found, expected, rtol, name=""):
@@ -153,20 +158,21 @@ def states(batch, shape):
     return 0.9 * RNG.uniform(-1, 1, (batch, *shape)) + 0.1, RNG.normal(size=(batch, *shape))
 
 
-def test_every_leaf(x64):
+@WHAT
+def test_every_leaf(of, x64):
     def all_of_them(x, xd):
-        return [of_leaf(leaf, x[n], xd[n]) for n, (leaf, _) in enumerate(LEAVES.values())]
+        return [of(partial(of_leaf, leaf), x[n], xd[n]) for n, (leaf, _) in enumerate(LEAVES.values())]
 
     x, xd = zip(*(states(MANY, shape) for _, shape in LEAVES.values()), strict=True)
-    for found, expected in zip(*both(all_of_them, x, xd), strict=True):
-        for kind, a, b in zip(LEAVES, found, expected, strict=True):
-            assert_same(a, b, 1e-9, kind.__name__)
+    for kind, found, expected in zip(LEAVES, *both(all_of_them, x, xd), strict=True):
+        assert_same(found, expected, 1e-9, kind.__name__)
 
 
+@WHAT
 @pytest.mark.parametrize("kind", MAPS, ids=lambda kind: kind.__name__)
-def test_every_map(kind, x64):
+def test_every_map(kind, of, x64):
     psi, shape = MAPS[kind]
-    assert_same(*both(lambda x, xd: of_map(psi, x, xd), *states(MANY, shape)), 1e-9)
+    assert_same(*both(partial(of, partial(of_map, psi)), *states(MANY, shape)), 1e-9)
 
 
 def policy_24_pairs(goal, q, qd):
@@ -192,9 +198,10 @@ PARTS = {
 }
 
 
-def test_whole_policy_of_24_pairs(x64):
+@WHAT
+def test_whole_policy_of_24_pairs(of, x64):
     arguments = np.array([0.45, 0.35, 0.45]), *arm_states(MANY)
-    assert_same(*both(policy_24_pairs, *arguments, in_axes=(None, 0, 0)), 1e-7)
+    assert_same(*both(partial(of, policy_24_pairs), *arguments, in_axes=(None, 0, 0)), 1e-7)
 
 
 def test_what_should_be_taken_apart_is():
@@ -219,7 +226,8 @@ def test_many_coordinates_are_taken_apart_one_by_one_where_they_are_alike():
     assert_same(found, expected, 1e-4)
 
 
-def test_a_skill(x64):
+@WHAT
+def test_a_skill(of, x64):
     keys = jax.random.split(jax.random.key(0), 2)
     learned = pytest.importorskip("jaxrmp.learning._metric_network")
     factors = jax.vmap(lambda key: learned.initial_cholesky_factor(key, hidden=(16, 8), length_scale=0.1))(keys)
@@ -230,10 +238,11 @@ def test_a_skill(x64):
         tree = pullback(compose(HAND, jaxrmp.RigidTransform(T)), leaves)
         return acceleration(tree + JointLimit(ROBOT.lower, ROBOT.upper) + Damping(), q, qd)
 
-    assert_same(*both(policy, np.eye(4), *arm_states(MANY), in_axes=(None, 0, 0)), 1e-5)
+    assert_same(*both(partial(of, policy), np.eye(4), *arm_states(MANY), in_axes=(None, 0, 0)), 1e-5)
 
 
-def test_lula(x64):
+@WHAT
+def test_lula(of, x64):
     folder = Path(os.environ.get("JAXRMP_DATA") or os.devnull) / "lula"
     if not folder.is_dir():
         pytest.skip("needs NVIDIA's files: set JAXRMP_DATA to the folder that holds lula/")
@@ -246,7 +255,7 @@ def test_lula(x64):
         return loaded.acceleration(tree, q, qd)
 
     arguments = np.array(golden["position_target"]), *arm_states(MANY)
-    assert_same(*both(policy, *arguments, in_axes=(None, 0, 0)), 1e-6)
+    assert_same(*both(partial(of, policy), *arguments, in_axes=(None, 0, 0)), 1e-6)
 
 
 def test_the_switch_keeps_programs_apart():
