@@ -2,9 +2,10 @@
 
 import jax
 
-from ._forms import Method
+from ._forms import Method, resolve
 from ._pytree import pytree, static
-from ._tree import Node, acceleration
+from ._tree import Node
+from ._visitor import Measurement
 
 
 @pytree
@@ -42,9 +43,10 @@ def certificate(tree: Node, x: jax.Array, xd: jax.Array, method: Method = "chole
 
     RMPflow (Cheng et al. 2018), theorem 2.
     """
-    xdd = acceleration(tree, x, xd, method)
+    found = tree.accept(Measurement(form=True, dissipation=True), (x, xd))
+    xdd = resolve(found.form.dense(), method)
     energy, dV_dt = jax.jvp(tree.energy, (x, xd), (xd, xdd))
-    return Certificate(energy, dV_dt, tree.dissipation(x, xd), uncertified_leaves(tree))
+    return Certificate(energy, dV_dt, found.dissipation, uncertified_leaves(tree))
 
 
 def uncertified_leaves(tree: Node) -> tuple[str, ...]:

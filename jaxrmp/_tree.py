@@ -15,7 +15,8 @@ from ._errors import LeafError, ShapeError
 from ._forms import Form, Method, NaturalForm, resolve
 from ._linalg import length
 from ._pytree import as_pytree, pytree, set_field, static
-from ._visitor import Leaves, Measured, Measurement, Visitor, evaluated
+from ._task_map import Selection
+from ._visitor import Leaves, Measured, Measurement, Visitor
 
 
 class Node:
@@ -33,7 +34,7 @@ class Node:
 
     def evaluate(self, x: jax.Array, xd: jax.Array) -> Form:
         """What the call gives at `x, xd`, with the structure of its metric kept: what task maps pull back."""
-        return evaluated(self, x, xd)
+        return self.accept(Measurement(form=True), (x, xd)).form
 
     def energy(self, x: jax.Array, xd: jax.Array) -> jax.Array:
         """Lyapunov function `V = 1/2 xd^T G xd + Phi` at `x, xd`, a scalar; zero from a leaf that has none."""
@@ -203,6 +204,13 @@ def pullback(task_map: Callable[[jax.Array], jax.Array], node: Node) -> Pullback
     Rana et al. 2019, equation 9.
     """
     return Pullback(task_map, node)
+
+
+def on_coordinates(indices: tuple[int, ...], size: int, node: Node) -> Node:
+    """A node on some coordinates of a vector [size]: without a map where they are all in order, nothing for none."""
+    if indices == tuple(range(size)):
+        return node
+    return pullback(Selection(indices), node) if indices else Sum(())
 
 
 def batched(*nodes: Node) -> Batched:

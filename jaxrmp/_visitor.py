@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 
 from ._errors import ShapeError
-from ._forms import DiagonalForm, Form
+from ._forms import DiagonalForm
 from ._task_map import transport
 
 if TYPE_CHECKING:
@@ -86,11 +86,6 @@ class Measurement(Visitor):
 
     def visit_scaled(self, node, share, state):
         return scaled(node.accept(self, state), share)
-
-
-def evaluated(node: "Node", x: jax.Array, xd: jax.Array) -> Form:
-    """The form of a node alone."""
-    return node.accept(Measurement(form=True), (x, xd)).form
 
 
 def scaled(values: Any, share: jax.Array | float) -> Any:

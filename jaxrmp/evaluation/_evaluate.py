@@ -6,8 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .._errors import ConfigurationError
-from .._task_map import Selection
-from .._tree import Node, pullback
+from .._tree import Node, on_coordinates
 from ..kinematics import ControlPoints, Robot, panda
 from ..learning import Skill
 from ..policies import whole_arm_policy
@@ -76,8 +75,7 @@ def limit_leaf(skill: Skill, robot: Robot) -> Node | None:
     """The joint limits of `skill` as a node on the joint space of `robot`, None if no joint has limits."""
     if skill.joint_limit is None:
         return None
-    every = skill.limited == tuple(range(robot.num_joints))
-    return skill.joint_limit if every else pullback(Selection(skill.limited), skill.joint_limit)
+    return on_coordinates(skill.limited, robot.num_joints, skill.joint_limit)
 
 
 def evaluate(

@@ -1,17 +1,16 @@
 """A learned skill: specification and parameters, ready to become part of any tree."""
 
 from dataclasses import replace
-from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from .._errors import ConfigurationError, RobotError, ShapeError
-from .._pytree import pytree, static
+from .._pytree import pytree, single, static
 from .._rotations import nearest_rotation, pose
-from .._task_map import RigidTransform, Selection, TaskMap, Translation, check_rigid, compose
-from .._tree import Batched, Node, pullback
+from .._task_map import RigidTransform, TaskMap, Translation, check_rigid, compose
+from .._tree import Batched, Node, on_coordinates, pullback
 from ..kinematics import ControlPoints, Robot
 from ..leaves import Damping, JointLimit, Learned
 from ._configuration import Configuration, PolicySettings
@@ -69,8 +68,7 @@ class Skill:
         tree = self.leaf(robot, T_world_object, targets) + self.joint_damping
         if self.joint_limit is None:
             return tree
-        every = self.limited == tuple(range(robot.num_joints))
-        return tree + (self.joint_limit if every else pullback(Selection(self.limited), self.joint_limit))
+        return tree + on_coordinates(self.limited, robot.num_joints, self.joint_limit)
 
     def with_gains(self, speed: float, damping_rate: float) -> "Skill":
         """The same skill at another cruise `speed`, m/s, and `damping_rate`, 1/s: geometry stays, tempo changes."""
@@ -110,16 +108,12 @@ class Skill:
 
 def joint_leaves(robot: Robot, policy: PolicySettings) -> tuple[Damping, JointLimit | None, tuple[int, ...]]:
     """Damping of all joints, limits of those that have them (None if no joint has), and which joints those are."""
-    damping = _single(Damping(**policy.joint_damping, name="joint_damping"))
+    damping = single(Damping(**policy.joint_damping, name="joint_damping"))
     limited = list(robot.limited)
     if not limited:
         return damping, None, ()
     lower, upper = np.asarray(robot.lower)[limited], np.asarray(robot.upper)[limited]
-    return damping, _single(JointLimit(lower, upper, **policy.joint_limit)), tuple(limited)
-
-
-def _single(leaf: Any) -> Any:
-    return jax.tree.map(lambda value: jnp.asarray(value, jnp.float32), leaf)
+    return damping, single(JointLimit(lower, upper, **policy.joint_limit)), tuple(limited)
 
 
 def rigid_targets(offsets: np.ndarray, frames: tuple[str, ...], ends: np.ndarray) -> np.ndarray:

@@ -52,8 +52,9 @@ def whole_arm_policy(skill: Any, robot: Robot, spheres: RobotSpheres | None = No
     T[:3, :3] = skill.R_object_hand
     turn = OrientationAttractor(np.eye(3), 0.003, stiffness=25.0, damping_rate=10.0, name="hand_orientation")
     tasks = skill, HandGoal(T, skill.frames[0], None, turn)
-    always = self_avoidance(robot, spheres or _spheres_of(robot)) + velocity_limits(robot)
-    close = spheres or _spheres_of(robot, skill.frames[0])
+    whole = spheres or _spheres_of(robot)
+    always = self_avoidance(robot, whole) + velocity_limits(robot)
+    close = spheres or (whole and _spheres_of(robot, skill.frames[0]))
     leaf = CollisionAvoidance(barrier=0.003, reach=0.05, epsilon=0.02)
     return single(ArmPolicy(robot, tasks, always, close and close.moving(robot), leaf))
 

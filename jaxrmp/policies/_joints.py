@@ -5,8 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from .._task_map import Selection
-from .._tree import Leaf, Node, Sum, pullback
+from .._tree import Leaf, Node, Sum, on_coordinates
 from ..kinematics import Robot
 from ..leaves import Damping, JointLimit, JointVelocityLimit, Posture
 
@@ -24,7 +23,7 @@ def joint_limits(robot: Robot, leaf: Leaf | None = None, **gains: Any) -> Node:
     limits = np.asarray(robot.lower), np.asarray(robot.upper)
     lower, upper = (limit[list(robot.limited)] for limit in limits)
     leaf = leaf or JointLimit(lower, upper, weight=0.05, damping_rate=5.0, barrier=0.003, reach=0.2)
-    return _on(robot, robot.limited, replace(leaf, **gains))
+    return on_coordinates(robot.limited, robot.num_joints, replace(leaf, **gains))
 
 
 def velocity_limits(robot: Robot, leaf: Leaf | None = None, **gains: Any) -> Node:
@@ -34,7 +33,8 @@ def velocity_limits(robot: Robot, leaf: Leaf | None = None, **gains: Any) -> Nod
     """
     limit = np.asarray(robot.velocity_limit)
     rows = np.flatnonzero(np.isfinite(limit)).tolist()
-    return _on(robot, tuple(rows), replace(leaf or JointVelocityLimit(limit[rows], onset=0.6), **gains))
+    leaf = replace(leaf or JointVelocityLimit(limit[rows], onset=0.6), **gains)
+    return on_coordinates(tuple(rows), robot.num_joints, leaf)
 
 
 def posture(robot: Robot, rest: Any = None, **gains: Any) -> Node:
@@ -54,9 +54,3 @@ def damping(**gains: Any) -> Node:
     `damping_rate=1.0`, 1/s. **Raises** as `joint_limits`.
     """
     return Damping(**{"weight": 0.02, "damping_rate": 1.0, "name": "joint_damping", **gains})
-
-
-def _on(robot: Robot, rows: tuple[int, ...], leaf: Leaf) -> Node:
-    """A leaf on some of the joints; without a map where they are all."""
-    some = pullback(Selection(rows), leaf) if rows else NOTHING
-    return leaf if len(rows) == robot.num_joints else some

@@ -74,11 +74,12 @@ def _rolled(tree, q, qd, h, dt, steps, substeps, method) -> Rollout:
     # For gradients, a step is computed again rather than kept: a fortieth of the memory, and faster (on a CPU).
     @partial(jax.checkpoint, prevent_cse=False)
     def advance(state, _):
-        return euler(state, command(tree, state.q, state.qd, method).qdd, h), None
+        asked = command(tree, state.q, state.qd, method)
+        return euler(state, asked.qdd, h), asked.energy
 
     def record(state, _):
-        seen = (state.q, state.qd, tree.energy(state.q, state.qd), goals(tree, state.q))
-        return jax.lax.scan(advance, state, length=substeps)[0], seen
+        ahead, energies = jax.lax.scan(advance, state, length=substeps)
+        return ahead, (state.q, state.qd, energies[0], goals(tree, state.q))
 
     _, (q_all, qd_all, energy, left) = jax.lax.scan(record, Motion(q, jnp.zeros_like(q), qd), length=steps)
     return Rollout(dt * jnp.arange(steps, dtype=q.dtype), q_all, qd_all, energy, left.gap, left.names)

@@ -10,6 +10,8 @@ from ._tracker import TrackerSettings, lost, observe, start_tracker
 from ._trials import Outcome, Trace, Trial
 
 INTERFACES = ("torque", "velocity", "position")
+DIVERGED = 5.0
+"""Times its velocity limit at which a joint counts as diverged."""
 
 _STIFFNESS = 400.0  # 1/s^2, of the position interface
 _DAMPING = 40.0  # 1/s, of the position and velocity interfaces
@@ -147,7 +149,3 @@ class LiveTrial(PhysicalArm):
         good = good and (moves is None or self.time >= moves.start + moves.duration)
         self._good = self._good + 1 if good else 0
         self.there = self._good * step >= self._hold
-
-
-DIVERGED = 5.0
-"""Times its velocity limit at which a joint counts as diverged."""

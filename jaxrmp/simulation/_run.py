@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._errors import ConfigurationError, UnknownNameError
+from .._pytree import single
 from ..scenes import Scene
 from ._judge import End, Seen, StopCriteria, Track, judge, margin
 from ._live_trial import DIVERGED, INTERFACES, LiveTrial
@@ -62,7 +63,7 @@ def run_trials(
     if every < 1:
         raise ConfigurationError(f"learned_rate is {learned_rate!r}, expected Hz, above 0 and at most {1 / dt:g}.")
     live = [LiveTrial(scene, trial, hold, tracker, interface, (seed, first + k)) for k, trial in enumerate(trials)]
-    worlds: Any = jax.tree.map(lambda *a: jnp.stack(a), *(_obstacles(trial) for trial in live))
+    worlds: Any = jax.tree.map(lambda *a: jnp.stack(a), *(single(trial.scene.obstacles()) for trial in live))
     fast = DIVERGED * np.asarray(scene.robot.velocity_limit, np.float32)
     criteria = StopCriteria(rest_seconds=np.inf, top_speed=fast, duration=limit)
     limits = np.asarray(scene.robot.lower, np.float32), np.asarray(scene.robot.upper, np.float32)
@@ -85,14 +86,6 @@ def run_trials(
         step += 1
     outcomes = tuple(trial.outcome(End(int(end))) for trial, end in zip(live, track.status, strict=True))
     return Run(scene, tuple(trials), outcomes, tuple(trial.trace() for trial in live))
-
-
-def _obstacles(trial: LiveTrial) -> Any:
-    return jax.tree.map(lambda a: jnp.asarray(a, _single(a)), trial.scene.obstacles())
-
-
-def _single(a: Any) -> Any:
-    return jnp.float32 if jnp.issubdtype(jnp.asarray(a).dtype, jnp.floating) else None
 
 
 @jax.jit

@@ -326,7 +326,7 @@ class _Kept:
 
 
 def _on_device(value: Any) -> Any:
-    return jax.tree.map(lambda a: jnp.asarray(a, bool if np.asarray(a).dtype == bool else jnp.float32), value)
+    return jax.tree.map(jnp.asarray, single(value))
 
 
 def _with_slots(content: Content) -> World:
