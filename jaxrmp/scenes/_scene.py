@@ -224,7 +224,7 @@ class Scene:
             f"skill {skill!r} needs object {name!r}, which scene {self.name!r} does not have: use one that tracks it."
             if name
             else f"scene {self.name!r} tracks the object {self.tracked!r}, and skill {skill!r} lives in the frame of "
-            "the arm's base: use a scene that tracks none, such as --scene drawer."
+            "the arm's base: use --scene drawer, or another that tracks none."
         )
 
     @cached_property

@@ -30,6 +30,8 @@ from jaxrmp.leaves import (
     StretchedAttractor,
     lula,
 )
+from jaxrmp.simulation import Held
+from jaxrmp.viewer._push import Push
 from jaxrmp.world import Boxes, CapsuleDistances, ObstacleDistances, SelfDistances, Spheres, World
 from jaxrmp.xla import machinery, report
 from jaxrmp.xla._plan import FEWEST
@@ -61,11 +63,13 @@ LEAVES = {
     CollisionAvoidance: (CollisionAvoidance(reach=2.0, frequency=20.0), (3,)),
     Damping: (Damping(), (3,)),
     Formation: (Formation(), (3,)),
+    Held: (Held(jaxrmp.NaturalForm(np.ones(3), np.eye(3))), (3,)),
     JointLimit: (JointLimit(LOWER, UPPER), (3,)),
     JointVelocityLimit: (JointVelocityLimit(1.5), (3,)),
     Learned: (Learned(POTENTIAL, Partial(factor)), (3,)),
     OrientationAttractor: (pullback(FrameRotation(ROBOT, "panda_link3"), OrientationAttractor(np.eye(3))), (7,)),
     Posture: (Posture(np.ones(3)), (3,)),
+    Push: (Push(np.ones(3), 2.0, 0.5), (3,)),
     StretchedAttractor: (StretchedAttractor(np.ones(3)), (3,)),
     lula.AxisTarget: (lula.AxisTarget(np.eye(3)[0]), (3,)),
     lula.Collision: (lula.Collision(), (3,)),
