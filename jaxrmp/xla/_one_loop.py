@@ -49,6 +49,8 @@ def one_loop(function: Callable[..., Any], *over: Sequence[int | None]) -> Calla
     @functools.wraps(function)
     def looped(*arguments):
         leaves, structure = jax.tree.flatten(arguments)
+        # A copy, for what JAX makes of a NumPy array under jax_enable_x64 it also takes without, as long as it is kept.
+        leaves = [leaf.copy() if isinstance(leaf, np.ndarray) else leaf for leaf in leaves]
         moving = [k for k, leaf in enumerate(leaves) if isinstance(leaf, jax.Array)]
         results: list[Any] = []
 

@@ -88,6 +88,16 @@ def test_what_is_shared_by_the_batch_and_what_is_closed_over(x64):
     assert_same(jax.jit(jax.vmap(of_outer))(outer), (x @ shared)[None] + 2 * outer @ x.T)
 
 
+def test_an_array_of_double_precision_serves_in_single_precision_later():
+    limit = np.linspace(0.1, 0.7, 7)  # NumPy's, as a robot's limits are
+    below = one_loop(lambda limit, x: limit - x)
+    with jax.enable_x64(True):
+        double = jax.jit(jax.vmap(lambda x: below(limit, x)))(np.zeros((STATES, 7)))
+    assert double.dtype == np.float64
+    single = jax.jit(lambda limit, x: limit - x)(limit, np.zeros(7, np.float32))
+    np.testing.assert_array_equal(single, limit.astype(np.float32))
+
+
 def test_slopes_in_both_modes(x64):
     def function(x):
         return jnp.tanh(jnp.outer(x, x) @ x), jnp.sum(jnp.cos(x))
