@@ -82,6 +82,7 @@ def test_gains_and_switches_change_the_policy_without_compiling_it_again(viewer,
     from jaxrmp.viewer._live import advance
 
     page = page_of(viewer)
+    page.wait(advance._cache_size, "the first step", 300)
     compiled = advance._cache_size()
     slider = viewer.gains.slider("learned.speed")
     set_control(page, slider, 0.4)
