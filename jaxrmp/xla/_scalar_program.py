@@ -190,6 +190,8 @@ class _Builder:
             mapped = functools.partial(equation.primitive.impl, **parameters)
             inner = jax.make_jaxpr(mapped)(*(v.aval for v in equation.invars))
             return self.run(inner.jaxpr, [self.numbers(c) for c in inner.consts], operands)
+        if name in _AS_IT_IS:
+            return operands
         if name in _MOVES:
             return _MOVES[name](parameters, *operands)
         shape, dtype = equation.outvars[0].aval.shape, equation.outvars[0].aval.dtype
@@ -310,7 +312,7 @@ class _Coordinate(_Builder):
         name, shape = equation.primitive.name, self.thin(equation.outvars[0].aval.shape)
         if name == "broadcast_in_dim":
             return [np.broadcast_to(operands[0], shape)]
-        if name not in _ELEMENTWISE and name not in _INLINED:
+        if name not in _ELEMENTWISE | _AS_IT_IS and name not in _INLINED:
             raise NotScalar(f"holds `{name}`")
         return super()._equation(equation, operands)
 
@@ -346,14 +348,15 @@ def _concatenated(parameters, *arrays):
     return [np.concatenate(arrays[k : k + size], axis=-1) for k in range(0, len(arrays), size)]
 
 
+# What hands its argument on. A state's own small arrays are on one device, wherever the batch is.
+_AS_IT_IS = frozenset(("copy", "materialise", "reshard", "stop_gradient"))
+
 # What moves entries about and computes nothing.
 _MOVES: dict[str, Callable[..., list[np.ndarray]]] = {
     "broadcast_in_dim": _broadcast,
     "concatenate": lambda p, *arrays: [np.concatenate(arrays, axis=p["dimension"])],
     "concatenated": _concatenated,
-    "copy": lambda p, x: [x],
     "expand_dims": lambda p, x: [np.expand_dims(x, p["dimensions"])],
-    "materialise": lambda p, x: [x],
     "pad": _pad,
     "reshape": lambda p, x: [x.reshape(p["new_sizes"])],
     "rev": lambda p, x: [np.flip(x, p["dimensions"])],
@@ -361,7 +364,6 @@ _MOVES: dict[str, Callable[..., list[np.ndarray]]] = {
     "split": lambda p, x: np.split(x, np.cumsum(p["sizes"])[:-1], axis=p["axis"]),
     "squeeze": lambda p, x: [x.squeeze(p["dimensions"])],
     "stack": lambda p, *arrays: [np.stack(arrays, axis=p["axis"])],
-    "stop_gradient": lambda p, x: [x],
     "transpose": lambda p, x: [x.transpose(p["permutation"])],
 }
 
