@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ..xla._lanes import in_lanes
 from ._devices import Devices
 from ._judge import End, Problem, StopCriteria, Track, judged
 from ._step import Motion, command, euler
@@ -67,13 +68,17 @@ class KinematicEngine:
 
 @partial(jax.jit, static_argnames=("chunk", "every"))
 def _advance(problem: Problem, state: KinematicState, criteria: StopCriteria, dt: float, chunk: int, every: int):
-    def step(state: KinematicState, _):
+    @in_lanes
+    def stepped(problem: Problem, criteria: StopCriteria, dt: float, state: KinematicState) -> KinematicState:
         q, rest, qd, track = state
         asked = command(problem.tree, q, qd)
         track = judged(problem, criteria, dt, track, q, qd, asked)
         running, now = track.status == End.RUNNING, Motion(q, rest, qd)
         ahead = euler(now, asked.qdd, dt)
-        return KinematicState(*jax.tree.map(partial(jnp.where, running), ahead, now), track=track), None
+        return KinematicState(*jax.tree.map(partial(jnp.where, running), ahead, now), track=track)
+
+    def step(state: KinematicState, _):
+        return stepped(problem, criteria, dt, state), None
 
     def look(state: KinematicState, _):
         state, _ = jax.lax.scan(step, state, length=every)

@@ -48,27 +48,7 @@ def one_loop(function: Callable[..., Any], *over: Sequence[int | None]) -> Calla
 
     @functools.wraps(function)
     def looped(*arguments):
-        leaves, structure = jax.tree.flatten(arguments)
-        # A copy, for what JAX makes of a NumPy array under jax_enable_x64 it also takes without, as long as it is kept.
-        leaves = [leaf.copy() if isinstance(leaf, np.ndarray) else leaf for leaf in leaves]
-        moving = [k for k, leaf in enumerate(leaves) if isinstance(leaf, jax.Array)]
-        results: list[Any] = []
-
-        def of_moving(*values):
-            merged = list(leaves)
-            for k, value in zip(moving, values, strict=True):
-                merged[k] = value
-            results[:], shape = jax.tree.flatten(function(*jax.tree.unflatten(structure, merged)))
-            results.append(shape)
-            return [r for r in results[:-1] if isinstance(r, jax.Array)]
-
-        values = [leaves[k] for k in moving]
-        # As one jitted whole, it need not be traced again when it is lowered.
-        closed, values = _arguments_of_tracers(jax.make_jaxpr(jax.jit(of_moving))(*values), values)
-        named = _name_of(function, arguments)
-        found = iter(one_loop_p.bind(*values, jaxpr=closed, levels=(), within=len(over), name=named))
-        *results, shape = results  # numbers stay numbers, for what comes after to make use of
-        return jax.tree.unflatten(shape, [next(found) if isinstance(r, jax.Array) else r for r in results])
+        return bound(one_loop_p, function, arguments, levels=(), within=len(over))
 
     @functools.wraps(function)
     def as_switched(*arguments):
@@ -78,6 +58,33 @@ def one_loop(function: Callable[..., Any], *over: Sequence[int | None]) -> Calla
         return mapped(*arguments)
 
     return as_switched
+
+
+def bound(primitive: Primitive, function: Callable, arguments: Sequence[Any], **parameters: Any) -> Any:
+    """What `function` of `arguments` gives, as one operation: a `primitive` of its jaxpr, a name, and `parameters`.
+
+    Of arguments and results only arrays of JAX take part; all else is the function's own.
+    """
+    leaves, structure = jax.tree.flatten(arguments)
+    # A copy, for what JAX makes of a NumPy array under jax_enable_x64 it also takes without, as long as it is kept.
+    leaves = [leaf.copy() if isinstance(leaf, np.ndarray) else leaf for leaf in leaves]
+    moving = [k for k, leaf in enumerate(leaves) if isinstance(leaf, jax.Array)]
+    results: list[Any] = []
+
+    def of_moving(*values):
+        merged = list(leaves)
+        for k, value in zip(moving, values, strict=True):
+            merged[k] = value
+        results[:], shape = jax.tree.flatten(function(*jax.tree.unflatten(structure, merged)))
+        results.append(shape)
+        return [r for r in results[:-1] if isinstance(r, jax.Array)]
+
+    values = [leaves[k] for k in moving]
+    # As one jitted whole, it need not be traced again when it is lowered.
+    closed, values = _arguments_of_tracers(jax.make_jaxpr(jax.jit(of_moving))(*values), values)
+    found = iter(primitive.bind(*values, jaxpr=closed, name=_name_of(function, arguments), **parameters))
+    *results, shape = results  # numbers stay numbers, for what comes after to make use of
+    return jax.tree.unflatten(shape, [next(found) if isinstance(r, jax.Array) else r for r in results])
 
 
 def _name_of(function: Callable, arguments: Sequence[Any]) -> str:

@@ -14,11 +14,18 @@ from jax.extend.core import ClosedJaxpr, Jaxpr, Literal
 _MOST, _DEEPEST = 3000, 500
 _MOST_RESULTS = 200
 _INLINED = {"jit": "jaxpr", "pjit": "jaxpr", "custom_jvp_call": "call_jaxpr", "custom_vjp_call": "call_jaxpr"}
-_ELEMENTWISE = frozenset(
+ELEMENTWISE = frozenset(
     "abs acos acosh add add_any and asin asinh atan atan2 atanh cbrt ceil clamp convert_element_type cos cosh div eq "  # noqa: SIM905
     "erf exp exp2 expm1 floor ge gt integer_pow is_finite le log log1p logistic lt max min mul ne neg not or pow rem "
     "round rsqrt select_n sign sin sinh sqrt square sub tan tanh xor".split()
 )
+REDUCTIONS = {
+    "reduce_sum": jax.lax.add_p,
+    "reduce_max": jax.lax.max_p,
+    "reduce_min": jax.lax.min_p,
+    "reduce_and": jax.lax.and_p,
+    "reduce_or": jax.lax.or_p,
+}
 _KNOWN: dict[str, Callable] = {
     "add": operator.add,
     "mul": operator.mul,
@@ -102,11 +109,11 @@ def scalar_program(closed: ClosedJaxpr) -> ScalarProgram:
         raise NotScalar(f"too many results ({count:,} > {_MOST_RESULTS})")
     if any(a.dtype.kind not in "biuf" for a in results):
         raise NotScalar(f"results of type {', '.join(str(a.dtype) for a in results if a.dtype.kind not in 'biuf')}")
-    builder = _Builder()
+    builder = Builder()
     arguments = []
     values: Sequence[Any] = closed.in_avals
     for k, a in enumerate(values):
-        arguments.append(_entries([builder.step(Input(k, i, a.dtype)) for i in range(a.size)], a.shape))
+        arguments.append(entries([builder.step(Input(k, i, a.dtype)) for i in range(a.size)], a.shape))
     outputs = builder.run(closed.jaxpr, [builder.numbers(c) for c in closed.consts], arguments)
     return _only_needed(builder.steps, outputs)
 
@@ -122,14 +129,14 @@ def coordinate_program(closed: ClosedJaxpr) -> tuple[ScalarProgram, int]:
     builder = _Coordinate(length)
     arguments = []
     for k, a in enumerate(closed.in_avals):
-        arguments.append(_entries([builder.step(Input(k, 0, a.dtype))], builder.thin(a.shape)))
+        arguments.append(entries([builder.step(Input(k, 0, a.dtype))], builder.thin(a.shape)))
     builder.first_constant = len(arguments)
     outputs = builder.run(closed.jaxpr, [builder.numbers(c) for c in closed.consts], arguments)
     program = _only_needed(builder.steps, [o.reshape(()) for o in outputs])
     return program._replace(constants=tuple(builder.constants)), length[0]
 
 
-def _entries(values: Sequence[Any], shape: tuple[int, ...]) -> np.ndarray:
+def entries(values: Sequence[Any], shape: tuple[int, ...]) -> np.ndarray:
     """Places and numbers as an array of objects."""
     found = np.empty(len(values), object)
     for i, value in enumerate(values):  # one by one: NumPy would make numbers of one type of them
@@ -137,7 +144,9 @@ def _entries(values: Sequence[Any], shape: tuple[int, ...]) -> np.ndarray:
     return found.reshape(shape)
 
 
-class _Builder:
+class Builder:
+    """Walks through a function's operations, and adds each of theirs on scalars as a step."""
+
     def __init__(self):
         self.steps: list[Input | Operation] = []
         self._depths: list[int] = []
@@ -160,11 +169,15 @@ class _Builder:
         self._depths.append(depth)
         return self._places[key]
 
+    def made(self, place: int) -> Any:
+        """What was added at a place."""
+        return self.steps[place]
+
     def numbers(self, value: Any, dtype: Any = None) -> np.ndarray:
         value = np.asarray(value, dtype)
         if value.size > _MOST:
             raise NotScalar(f"more than {_MOST:,} numbers in an array")
-        return _entries([value.dtype.type(x) for x in value.reshape(-1)], value.shape)
+        return entries([value.dtype.type(x) for x in value.reshape(-1)], value.shape)
 
     def run(self, jaxpr: Jaxpr, consts: Sequence[np.ndarray], arguments: Sequence[np.ndarray]) -> list[np.ndarray]:
         found: dict[Any, np.ndarray] = dict(zip(jaxpr.constvars, consts, strict=True))
@@ -192,8 +205,8 @@ class _Builder:
             return self.run(inner.jaxpr, [self.numbers(c) for c in inner.consts], operands)
         if name in _AS_IT_IS:
             return operands
-        if name in _MOVES:
-            return _MOVES[name](parameters, *operands)
+        if name in MOVES:
+            return MOVES[name](parameters, *operands)
         shape, dtype = equation.outvars[0].aval.shape, equation.outvars[0].aval.dtype
         if name == "iota":
             size, k = shape, parameters["dimension"]
@@ -201,9 +214,9 @@ class _Builder:
             return [self.numbers(np.broadcast_to(along, size), parameters["dtype"])]
         if name == "dot_general":
             return [self._dot(parameters, operands[0], operands[1], dtype)]
-        if name in ("reduce_sum", "reduce_max", "reduce_min"):
+        if name in REDUCTIONS:
             return [self._reduced(name, parameters["axes"], operands[0], shape, dtype)]
-        if name in _ELEMENTWISE:
+        if name in ELEMENTWISE:
             fixed = tuple(sorted(parameters.items(), key=operator.itemgetter(0)))
             if name == "convert_element_type":
                 if equation.invars[0].aval.dtype == parameters["new_dtype"]:
@@ -214,7 +227,7 @@ class _Builder:
 
     def _each(self, primitive, parameters, operands, shape, dtype) -> np.ndarray:
         flat = [np.broadcast_to(x, shape).reshape(-1) for x in operands]
-        return _entries([self.operation(primitive, parameters, x, dtype) for x in zip(*flat, strict=True)], shape)
+        return entries([self.operation(primitive, parameters, x, dtype) for x in zip(*flat, strict=True)], shape)
 
     def operation(self, primitive: Any, parameters: tuple, x: tuple["int | Number", ...], dtype) -> "int | Number":
         """The place of an operation, or the number or place that it comes to."""
@@ -242,7 +255,7 @@ class _Builder:
         if name == "sub" and known[1] and x[1] == 0:
             return x[0]
         if name == "neg" and isinstance(x[0], int):
-            step = self.steps[x[0]]
+            step = self.made(x[0])
             if isinstance(step, Operation) and step.primitive.name == "neg":
                 return step.operands[0]
         if name == "square" or (name == "integer_pow" and dict(parameters)["y"] == 2):
@@ -269,15 +282,15 @@ class _Builder:
                     pairs = zip(row, column, strict=True)
                     products = [self.operation(jax.lax.mul_p, (), pair, dtype) for pair in pairs]
                     values.append(self._folded(jax.lax.add_p, products, dtype))
-        return _entries(values, (*batch, *rows, *columns))
+        return entries(values, (*batch, *rows, *columns))
 
     def _reduced(self, name, axes, a, shape, dtype) -> np.ndarray:
-        primitive = {"reduce_sum": jax.lax.add_p, "reduce_max": jax.lax.max_p, "reduce_min": jax.lax.min_p}[name]
+        primitive = REDUCTIONS[name]
         rest = [i for i in range(a.ndim) if i not in axes]
         rows = a.transpose([*rest, *axes]).reshape(math.prod(shape), -1)
         if not rows.shape[1]:
             raise NotScalar(f"`{name}` of nothing")
-        return _entries([self._folded(primitive, row, dtype) for row in rows], shape)
+        return entries([self._folded(primitive, row, dtype) for row in rows], shape)
 
     def _folded(self, primitive, values, dtype) -> "int | Number":
         total = values[0]
@@ -286,7 +299,7 @@ class _Builder:
         return total
 
 
-class _Coordinate(_Builder):
+class _Coordinate(Builder):
     """Takes vectors of the given length as vectors of one entry, where all that is done to them is elementwise."""
 
     def __init__(self, length: tuple[int, ...]):
@@ -306,13 +319,13 @@ class _Coordinate(_Builder):
             return super().numbers(value[:1])
         self.constants.append(value)
         place = self.step(Input(self.first_constant + len(self.constants) - 1, 0, value.dtype))
-        return _entries([place], (1,))
+        return entries([place], (1,))
 
     def _equation(self, equation, operands):
         name, shape = equation.primitive.name, self.thin(equation.outvars[0].aval.shape)
         if name == "broadcast_in_dim":
             return [np.broadcast_to(operands[0], shape)]
-        if name not in _ELEMENTWISE | _AS_IT_IS and name not in _INLINED:
+        if name not in ELEMENTWISE | _AS_IT_IS and name not in _INLINED:
             raise NotScalar(f"holds `{name}`")
         return super()._equation(equation, operands)
 
@@ -352,7 +365,7 @@ def _concatenated(parameters, *arrays):
 _AS_IT_IS = frozenset(("copy", "materialise", "reshard", "stop_gradient"))
 
 # What moves entries about and computes nothing.
-_MOVES: dict[str, Callable[..., list[np.ndarray]]] = {
+MOVES: dict[str, Callable[..., list[np.ndarray]]] = {
     "broadcast_in_dim": _broadcast,
     "concatenate": lambda p, *arrays: [np.concatenate(arrays, axis=p["dimension"])],
     "concatenated": _concatenated,
@@ -384,4 +397,4 @@ def _only_needed(steps: list[Input | Operation], outputs: list[np.ndarray]) -> S
         step._replace(operands=tuple(moved(x) for x in step.operands)) if isinstance(step, Operation) else step
         for step in (steps[old] for old in sorted(needed))
     ]
-    return ScalarProgram(kept, [_entries([moved(x) for x in o.reshape(-1)], o.shape) for o in outputs])
+    return ScalarProgram(kept, [entries([moved(x) for x in o.reshape(-1)], o.shape) for o in outputs])

@@ -1,0 +1,413 @@
+"""A function of one state as C that computes several states at once, one in each lane of a vector.
+
+Small arrays are taken apart into scalars, as for XLA (`_scalar_program.py`), and become single statements, which share
+what is equal and leave out what is zero; large ones become loops, neighbours of one shape a single loop. What moves
+entries about is no code at all: every array is a table of places where its entries are. What depends on no state of the
+batch is computed once.
+"""
+
+import functools
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+from jax.extend.core import ClosedJaxpr
+
+from ._scalar_program import ELEMENTWISE, MOVES, REDUCTIONS, Builder, NotScalar, Operation, coordinate_program
+
+_LEAST = 4  # coordinates from which on a loop is worth it
+_SMALL = 16  # entries of an array that is taken apart, and operations of a product or a sum
+_BITS, _INDEX = 21, (1 << 21) - 1  # a place is a source's number and, in so many bits, an entry's
+_FLAT_MOST = 3000
+_MOST_KNOWN, _MOST_WRITTEN = 65536, 1024  # numbers of a constant whose values are looked at, and that are written out
+_OF_NUMBERS = frozenset(("add", "add_any", "sub", "mul", "neg", "max", "min", "reduce_max", "reduce_min", "reduce_sum"))
+_KINDS = {"f": "f", "i": "i", "u": "i", "b": "i"}
+
+
+class Source(NamedTuple):
+    """What holds numbers: an argument, an array in memory, or a single variable.
+
+    `shared`, whether it is the same for all states; `kind`, "f" or "i"; `size` in entries; `of`, which argument, or -1;
+    `single`, whether a variable; `table`, the numbers of a constant.
+    """
+
+    shared: bool
+    kind: str
+    size: int
+    of: int = -1
+    single: bool = False
+    table: np.ndarray | None = None
+
+
+class Node(NamedTuple):
+    """What computes a source `out`: `op` and its `settings`, of `places`, over a `shape`.
+
+    `op` is the name of a primitive, elementwise over `shape` or "single", or "dot", "reduce" or "copy".
+    """
+
+    out: int
+    op: str
+    settings: Any
+    places: tuple[np.ndarray, ...]
+    shape: tuple[int, ...]
+
+
+class CProgram(NamedTuple):
+    """`text`, a C file; `constants`, arguments behind the function's own, shared by all states."""
+
+    text: str
+    constants: tuple[np.ndarray, ...]
+    operations: int
+
+
+class _Program(Builder):
+    """Takes a function apart; a place is a number, negative for a number that is known."""
+
+    def __init__(self):
+        super().__init__()
+        self.sources: list[Source] = []
+        self.nodes: list[Node] = []
+        self.constants: list[np.ndarray] = []
+        self.first_constant = 0
+        self._numbers: list[np.generic] = []
+        self._number_places: dict[Any, int] = {}
+        self._made: dict[int, Operation] = {}
+        self._tables: dict[Any, np.ndarray] = {}
+        self._small = _SMALL
+        self._whole = 0  # within functions that are taken apart as a whole
+        self.single_steps = 0
+
+    # Places
+
+    def source(self, *fields, **more) -> int:
+        found = Source(*fields, **more)
+        if found.size > _INDEX:
+            raise NotScalar(f"an array of {found.size:,} entries")
+        self.sources.append(found)
+        return len(self.sources) - 1
+
+    def whole(self, source: int, shape: Sequence[int]) -> np.ndarray:
+        return ((source << _BITS) + np.arange(math.prod(shape), dtype=np.int64)).reshape(shape)
+
+    def number(self, value: np.generic) -> int:
+        key = (value.dtype, value.tobytes())
+        if key not in self._number_places:
+            self._numbers.append(value)
+            self._number_places[key] = -len(self._numbers)
+        return self._number_places[key]
+
+    def known(self, place: int) -> np.generic:
+        return self._numbers[-1 - place]
+
+    def numbers(self, value: Any, dtype: Any = None) -> np.ndarray:
+        value = np.asarray(value, dtype)
+        flat = value.reshape(-1)
+        if value.size > _MOST_KNOWN and not (flat == flat[0]).all():
+            return self._constant(value)
+        places = [self.number(value.dtype.type(x)) for x in flat]
+        return np.array(places, dtype=np.int64).reshape(value.shape)
+
+    def _constant(self, value: np.ndarray) -> np.ndarray:
+        """An argument of numbers that are too many for the program's text."""
+        self.constants.append(value)
+        k = self.first_constant + len(self.constants) - 1
+        return self.whole(self.source(True, _kind(value.dtype), value.size, k), value.shape)
+
+    def table(self, places: np.ndarray) -> np.ndarray:
+        """Numbers that differ, as entries of a constant array."""
+        key = places.tobytes()
+        if key not in self._tables:
+            values = np.array([self.known(p) for p in places.reshape(-1)])
+            if values.size > _MOST_WRITTEN:
+                self._tables[key] = self._constant(values)
+            else:
+                found = self.source(True, _kind(values.dtype), values.size, table=values)
+                self._tables[key] = self.whole(found, (values.size,))
+        return self._tables[key].reshape(places.shape)
+
+    def is_shared(self, *places: np.ndarray) -> bool:
+        used = {int(s) for p in places for s in np.unique(p[p >= 0] >> _BITS)}
+        return all(self.sources[s].shared for s in used)
+
+    # What Builder asks for
+
+    def step(self, step) -> int:
+        key = (step[:2], tuple(x if isinstance(x, int) else x.tobytes() for x in step.operands), step.dtype)
+        if key not in self._places:
+            self.single_steps += 1
+            if self._whole and self.single_steps > self._whole:
+                raise NotScalar(f"more than {_FLAT_MOST:,} operations")
+            codes = tuple(np.array(x if isinstance(x, int) else self.number(x), dtype=np.int64) for x in step.operands)
+            name = _supported(step.primitive.name, step.dtype)
+            out = self.source(self.is_shared(*codes), _kind(step.dtype), 1, single=True)
+            self.nodes.append(Node(out, name, dict(step.parameters), codes, ()))
+            self._places[key] = out << _BITS
+            self._made[out << _BITS] = step
+        return self._places[key]
+
+    def made(self, place: int) -> Any:
+        return self._made.get(place)
+
+    def _equation(self, equation, operands):
+        name, parameters = equation.primitive.name, equation.params
+        if name == "one_loop" and not parameters["levels"]:
+            return self._of_a_loop(parameters["jaxpr"], operands)
+        if name == "gather":
+            return [self._gathered(parameters, *operands)]
+        if name == "unstack":
+            return list(np.moveaxis(operands[0], parameters["axis"], 0))
+        types = [v.aval.dtype for v in (*equation.invars, *equation.outvars)]
+        if name == "convert_element_type":
+            return [self._converted(equation.primitive, operands[0], *types)]
+        truth = [t.kind == "b" for t in types]
+        if (name in _OF_NUMBERS and any(truth)) or (name == "select_n" and (not truth[0] or len(operands) != 3)):
+            raise NotScalar(f"holds `{name}` of {', '.join(map(str, types))}")
+        return super()._equation(equation, operands)
+
+    def _converted(self, primitive, places, old, new) -> np.ndarray:
+        if old == new or (old.kind in "iu" and new.kind in "iu"):
+            return places
+        if "f" == old.kind == new.kind:
+            raise NotScalar(f"numbers of type {old} and {new}")
+        # Only kinds matter: there is one type of each in a program.
+        return self._each(primitive, (("new", new.kind), ("old", old.kind)), (places,), places.shape, new)
+
+    def _of_a_loop(self, closed: ClosedJaxpr, operands) -> list[np.ndarray]:
+        """As scalars if they are few, shared and simplified; else as it stands."""
+        try:
+            if coordinate_program(closed)[1] >= _LEAST and not self._whole:
+                return self._by_coordinates(closed, operands)
+        except NotScalar:
+            pass
+        before = (len(self.sources), len(self.nodes), self.single_steps, dict(self._places), dict(self._made))
+        outside = self._whole
+        arguments = [self.numbers(c) for c in closed.consts], operands
+        try:
+            if not outside:
+                self._whole = self.single_steps + _FLAT_MOST
+            return self.run(closed.jaxpr, *arguments)
+        except NotScalar:
+            if outside:
+                raise
+            del self.sources[before[0] :], self.nodes[before[1] :]
+            self.single_steps, self._places, self._made = before[2:]
+            self._tables = {k: v for k, v in self._tables.items() if v[0] >> _BITS < before[0]}
+            self._whole = 0
+            return self.run(closed.jaxpr, *arguments)
+        finally:
+            self._whole = outside
+
+    def _by_coordinates(self, closed, operands):
+        self._small, outside = 1, self._small
+        try:
+            return self.run(closed.jaxpr, [self.numbers(c) for c in closed.consts], operands)
+        finally:
+            self._small = outside
+
+    def _each(self, primitive, parameters, operands, shape, dtype):
+        spread = [np.broadcast_to(x, shape) for x in operands]
+        size = math.prod(shape)
+        if size <= self._small or self._whole:
+            return self._entries([self._one(primitive, parameters, x, dtype) for x in _rows(spread)], shape)
+        if all(_constant(x) for x in spread):  # the same everywhere
+            return np.full(shape, self._one(primitive, parameters, [int(x.flat[0]) for x in spread], dtype))
+        if all((x < 0).all() for x in spread):
+            found = [self._one(primitive, parameters, x, dtype) for x in _rows(spread)]
+            return self._entries(found, shape)
+        name = primitive.name
+        if name in ("mul", "add", "add_any", "sub") and (plain := self._plain(name, spread)) is not None:
+            return plain
+        if name == "square" or (name == "integer_pow" and dict(parameters)["y"] == 2):
+            name, parameters, spread = "mul", (), [spread[0], spread[0]]
+        name = _supported(name, dtype)
+        return self._array(name, parameters, spread, shape, dtype, size)
+
+    def _plain(self, name, spread):
+        """What a sum with zeros, or a product with zeros or ones, comes to."""
+        a, b = spread
+        for x, other in ((a, b), (b, a)):
+            if _constant(x) and x.flat[0] < 0:
+                value = self.known(int(x.flat[0]))
+                if name == "mul" and value == 0:
+                    return x
+                if (name == "mul" and value == 1) or (name in ("add", "add_any") and value == 0):
+                    return other
+                if name == "sub" and x is b and value == 0:
+                    return other
+        return None
+
+    def _one(self, primitive, parameters, places, dtype) -> int:
+        operands = tuple(int(p) if p >= 0 else self.known(int(p)) for p in places)
+        found = self.operation(primitive, parameters, operands, dtype)
+        return found if isinstance(found, int) else self.number(found)
+
+    def _entries(self, values, shape):
+        return np.array(values, dtype=np.int64).reshape(shape)
+
+    def _in_memory(self, places: np.ndarray) -> np.ndarray:
+        """The same entries, from one source each that a loop can run over."""
+        if (places < 0).all():
+            return places if _constant(places) else self.table(places)
+        used = np.unique(places >> _BITS)
+        if (places >= 0).all() and len(used) == 1:
+            return places
+        kind = self.sources[int(places[places >= 0].flat[0]) >> _BITS].kind
+        distinct, first, where = np.unique(places, return_index=True, return_inverse=True)
+        if 4 * len(distinct) <= places.size:  # each once, in the order in which they come
+            order = np.argsort(first)
+            kept = self._in_memory(distinct[order])
+            return kept[np.argsort(order)[where]].reshape(places.shape)
+        return self._array("copy", (), (places,), places.shape, kind, places.size).reshape(places.shape)
+
+    def _array(self, op, parameters, operands, shape, dtype, size) -> np.ndarray:
+        """An array of `size` entries that a node makes, unless there is one that makes the same."""
+        places = operands if op == "copy" else tuple(map(self._in_memory, operands))
+        key = (op, parameters, shape, *(p.tobytes() for p in places), *(p.shape for p in places))
+        if key not in self._tables:
+            out = self.source(self.is_shared(*places), dtype if op == "copy" else _kind(dtype), size)
+            self.nodes.append(Node(out, op, dict(parameters), places, shape))
+            self._tables[key] = self.whole(out, (size,))
+        return self._tables[key].reshape(shape if len(shape) and math.prod(shape) == size else (size,))
+
+    def _dot(self, parameters, a, b, dtype):
+        (over_a, over_b), (batch_a, batch_b) = parameters["dimension_numbers"]
+        free_a = [i for i in range(a.ndim) if i not in (*over_a, *batch_a)]
+        free_b = [i for i in range(b.ndim) if i not in (*over_b, *batch_b)]
+        batch = [a.shape[i] for i in batch_a]
+        rows, columns = [a.shape[i] for i in free_a], [b.shape[i] for i in free_b]
+        k = math.prod(a.shape[i] for i in over_a)
+        A = a.transpose([*batch_a, *free_a, *over_a]).reshape(math.prod(batch), math.prod(rows), k)
+        B = b.transpose([*batch_b, *free_b, *over_b]).reshape(math.prod(batch), math.prod(columns), k)
+        shape = (*batch, *rows, *columns)
+        size = math.prod(shape)
+        if size * k <= 4 * _SMALL or self._whole:
+            if size * k > _FLAT_MOST:
+                raise NotScalar(f"a product of more than {_FLAT_MOST:,} operations")
+            return self._unrolled_dot(A, B, shape, dtype)
+        few = self._of_few_terms(A, B, shape, dtype)
+        if few is None:
+            few = self._of_few_terms(B, A, shape, dtype, swapped=True)
+        if few is not None:
+            return few
+        found = self._array("dot", (), (A, B), (*A.shape, B.shape[1]), dtype, size)
+        return found.reshape(shape)
+
+    def _unrolled_dot(self, A, B, shape, dtype):
+        values = []
+        for Ai, Bi in zip(A, B, strict=True):
+            for row in Ai:
+                for column in Bi:
+                    pairs = zip(row, column, strict=True)
+                    products = [self._one(jax.lax.mul_p, (), pair, dtype) for pair in pairs]
+                    values.append(self._sum(products, dtype))
+        return self._entries(values, shape)
+
+    def _sum(self, places, dtype):
+        total = places[0] if len(places) else self.number(np.dtype(dtype).type(0))
+        for place in places[1:]:
+            total = self._one(jax.lax.add_p, (), (total, place), dtype)
+        return total
+
+    def _of_few_terms(self, A, B, shape, dtype, swapped=False):
+        """A product with numbers of which at most two in a row are not zero: entries, or sums of two."""
+        if B.shape[0] != 1 or not (B < 0).all():
+            return None
+        values = np.array([self.known(p) for p in B.reshape(-1)]).reshape(B.shape[1:])
+        terms = [np.flatnonzero(row) for row in values]
+        most = max(map(len, terms), default=0)
+        if most > 2 or min(map(len, terms), default=0) < most or not most:
+            return None
+        total = None
+        for t in range(most):
+            chosen = [row[t] for row in terms]
+            part = A[0][:, chosen]
+            scale = np.array([self.number(values[j, k]) for j, k in enumerate(chosen)], dtype=np.int64)
+            part, scale = (part.T, scale[:, None]) if swapped else (part, scale[None])
+            part = self._each(jax.lax.mul_p, (), (part, np.broadcast_to(scale, part.shape)), part.shape, dtype)
+            total = part if total is None else self._each(jax.lax.add_p, (), (total, part), part.shape, dtype)
+        return total.reshape(shape)
+
+    def _reduced(self, name, axes, a, shape, dtype):
+        rest = [i for i in range(a.ndim) if i not in axes]
+        rows = a.transpose([*rest, *axes]).reshape(math.prod(shape), -1)
+        if not rows.shape[1]:
+            raise NotScalar(f"`{name}` of nothing")
+        if rows.size <= _SMALL or self._whole:
+            primitive = REDUCTIONS[name]
+            folded = functools.partial(functools.reduce, lambda x, y: self._one(primitive, (), (x, y), dtype))
+            return self._entries([folded([int(p) for p in row]) for row in rows], shape)
+        return self._array("reduce", (("by", name),), (rows,), rows.shape, dtype, len(rows)).reshape(shape)
+
+    def _gathered(self, parameters, operand, indices):
+        numbers, sizes = parameters["dimension_numbers"], parameters["slice_sizes"]
+        if (indices >= 0).any() or numbers.operand_batching_dims:
+            raise NotScalar("holds `gather` by indices that are computed")
+        starts = np.array([self.known(p) for p in indices.reshape(-1)]).reshape(indices.shape)
+        places = starts.reshape(-1, starts.shape[-1])
+        found = []
+        for start in places:
+            window = [slice(None)] * operand.ndim
+            for axis, at in zip(numbers.start_index_map, start, strict=True):
+                if not 0 <= at <= operand.shape[axis] - sizes[axis]:
+                    raise NotScalar("holds `gather` beyond its array")
+                window[axis] = slice(int(at), int(at) + sizes[axis])
+            for axis, size in enumerate(sizes):
+                if axis not in numbers.start_index_map:
+                    window[axis] = slice(0, size)
+            found.append(operand[tuple(window)].squeeze(axis=numbers.collapsed_slice_dims))
+        stacked = np.stack(found).reshape(*starts.shape[:-1], *found[0].shape)
+        first, ndim = starts.ndim - 1, stacked.ndim
+        order, own = [], iter(range(first, ndim))
+        batch = iter(range(first))
+        for k in range(ndim):
+            order.append(next(own) if k in numbers.offset_dims else next(batch))
+        return stacked.transpose(order)
+
+
+def _kind(dtype) -> str:
+    return _KINDS[np.dtype(dtype).kind]
+
+
+def _constant(places: np.ndarray) -> bool:
+    return bool((places == places.flat[0]).all())
+
+
+def _rows(spread):
+    return zip(*(x.reshape(-1).tolist() for x in spread), strict=True)
+
+
+def _supported(name: str, dtype: Any) -> str:
+    if name not in ELEMENTWISE:
+        raise NotScalar(f"holds `{name}`")
+    if name in ("div", "rem", "pow", "integer_pow") and np.dtype(dtype).kind != "f":
+        raise NotScalar(f"holds `{name}` of whole numbers")
+    return name
+
+
+def c_program(closed: ClosedJaxpr, mapped: Sequence[bool], name: str) -> CProgram:
+    """The C function `name(const void **in, void **out, long first, long last)` of a function, for states in that range.
+
+    **Arguments**: `closed`, the function of one state; `mapped`, which of its arguments each state has its own of: in
+    memory, they have a leading axis of states, as all results do.
+    **Raises** `NotScalar` for what it cannot say in C; the message says why.
+    """
+    from . import _c_text; written=_c_text.written
+
+    values: list[Any] = [*closed.in_avals, *closed.out_avals]
+    kinds = {a.dtype for a in values if a.dtype.kind == "f"}
+    if len(kinds) != 1 or (real := next(iter(kinds))) not in (np.float32, np.float64):
+        raise NotScalar(f"numbers of type {', '.join(sorted(map(str, kinds))) or 'int alone'}")
+    if odd := {str(a.dtype) for a in values if a.dtype.kind not in "bif"}:
+        raise NotScalar(f"arrays of type {', '.join(sorted(odd))}")
+    program = _Program()
+    arguments = []
+    for k, a in enumerate(closed.in_avals):
+        arguments.append(program.whole(program.source(not mapped[k], _kind(a.dtype), a.size, k), a.shape))
+    program.first_constant = len(arguments)
+    outputs = program.run(closed.jaxpr, [program.numbers(c) for c in closed.consts], arguments)
+    dtypes = [a.dtype for a in values[: len(arguments)]] + [c.dtype for c in program.constants]
+    results = list(zip(outputs, [a.dtype for a in values[len(arguments) :]], strict=True))
+    text = written(program, dtypes, results, real, name)
+    return CProgram(text, tuple(program.constants), sum(math.prod(n.shape) for n in program.nodes))

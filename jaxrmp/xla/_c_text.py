@@ -1,0 +1,541 @@
+"""The text of a C program: the order of its nodes, which loops are one, where arrays are kept, and how all is written."""
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+_BITS, _INDEX = 21, (1 << 21) - 1
+_SIGNS = {
+    **dict.fromkeys(("add", "add_any"), "+"),
+    **{"sub": "-", "mul": "*", "div": "/", "and": "&", "or": "|", "xor": "^"},
+}
+_COMPARISONS = {"eq": "==", "ne": "!=", "lt": "<", "le": "<=", "gt": ">", "ge": ">="}
+_FOLDS = {"reduce_sum": "{0} + {1}", "reduce_and": "{0} & {1}", "reduce_or": "{0} | {1}"}
+_ROWS, _PRODUCTS, _SUMS = 4, 8, 4  # rows and entries of a product computed at once; partial sums of a reduction
+_TABLE_LINE = 24
+
+
+def written(program: Any, dtypes: Sequence[Any], results: Sequence[tuple[np.ndarray, Any]], real: Any, name: str) -> str:
+    """The C file of a program.
+
+    **Arguments**: `program`, with its sources and nodes; `dtypes` of the arguments, and `results`, places and dtype of
+    each; `real`, the type of its numbers; `name` of the function.
+    """
+    return _Writer(program, np.dtype(real)).file(dtypes, results, name)
+
+
+class _Writer:
+    def __init__(self, program: Any, real: np.dtype):
+        self.program, self.real = program, real
+        self.sources, self.nodes = program.sources, program.nodes
+        self.tables: dict[bytes, str] = {}
+        self.table_lines: list[str] = []
+        self.offsets: dict[int, int] = {}
+        self.local: dict[int, str] = {}  # entries of a loop's own, by source
+
+    def file(self, dtypes, results, name) -> str:
+        shared = [n for n in self.nodes if self.sources[n.out].shared]
+        mapped = [n for n in self.nodes if not self.sources[n.out].shared]
+        loads = self.loads(dtypes, results)
+        shared_groups, groups = self.groups(shared), self.groups(mapped)
+        shared_size = self.lay_out_shared(dtypes)
+        kept = {int(p) >> _BITS for places, _ in results for p in places.reshape(-1) if p >= 0}
+        size = self.lay_out([*loads, *groups], kept)
+        once = [line for k in range(len(dtypes)) for line in self.shared_load(k, dtypes[k])]
+        for group in shared_groups:
+            once += self.code(group)
+        body = [line for load in loads for line in self.load(load, dtypes)]
+        for group in groups:
+            body += self.code(group)
+        body += [line for k, (places, dtype) in enumerate(results) for line in self.store(k, places, np.dtype(dtype))]
+        width = self.real.itemsize
+        lines = [
+            f"#define REAL {'float' if width == 4 else 'double'}",
+            f"#define WIDTH {width}",
+            '#include "lanes.h"',
+            "",
+            *self.table_lines,
+            "",
+            f"int {name}(const void **in, void **out, long first, long last) {{",
+            f"    char *memory = aligned_alloc(64, ({size + 2} * sizeof(V) + {shared_size + 1} * sizeof(R) + 63) / 64 * 64);",
+            "    if (!memory) return 1;",
+            f"    V *w = (V *)memory; R *u = (R *)(w + {size + 1}); (void)w; (void)u; (void)in;",
+            *(f"    {line}" for line in once),
+            "    for (long begin = first; begin < last; begin += LANES) {",
+            "        long count = last - begin < LANES ? last - begin : LANES;",
+            *(f"        {line}" for line in body),
+            "    }",
+            "    free(memory);",
+            "    return 0;",
+            "}",
+            "",
+        ]
+        return "\n".join(lines)
+
+    # Order
+
+    def groups(self, nodes) -> list[list[Any]]:
+        """The nodes in an order in which loops over one shape come together, those that become one as a list."""
+        waiting: dict[int, int] = {}
+        users: dict[int, list[Any]] = {}
+        made = {n.out: n for n in nodes}
+        order = {n.out: k for k, n in enumerate(nodes)}
+        needs = {}
+        for node in nodes:
+            needs[node.out] = {s for s in _used(node) if s in made}
+            waiting[node.out] = len(needs[node.out])
+            for s in needs[node.out]:
+                users.setdefault(s, []).append(node)
+        ready = [n.out for n in nodes if not waiting[n.out]]
+        found: list[list[Any]] = []
+        while ready:
+            group: list[Any] = []
+            own: set[int] = set()
+            while True:
+                fits = [s for s in ready if self.joins(made[s], group, own)]
+                if not fits:
+                    break
+                node = made[min(fits, key=order.__getitem__)]
+                ready.remove(node.out)
+                group.append(node)
+                own.add(node.out)
+                for user in users.get(node.out, ()):
+                    waiting[user.out] -= 1
+                    if not waiting[user.out]:
+                        ready.append(user.out)
+            found.append(group)
+        return found
+
+    def joins(self, node, group, own) -> bool:
+        if not group:
+            return True
+        first = group[0]
+        if not _is_loop(first) or not _is_loop(node) or node.shape != first.shape:
+            return False
+        for places in node.places:
+            used = _sources(places) & own
+            if used and not np.array_equal(places & _INDEX, np.arange(places.size).reshape(places.shape)):
+                return False
+        return True
+
+    # Memory
+
+    def lay_out_shared(self, dtypes) -> int:
+        size = 0
+        for s, source in enumerate(self.sources):
+            if source.shared and not source.single and source.table is None and not self.in_place(source, dtypes):
+                self.offsets[s] = size
+                size += source.size
+        return size
+
+    def in_place(self, source, dtypes) -> bool:
+        """Whether an argument that all states share can be read where it is."""
+        return source.of >= 0 and dtypes[source.of] == self.real
+
+    def lay_out(self, groups, kept) -> int:
+        """Offsets of arrays in lanes, so that those of one time are next to each other; how many vectors there are."""
+        last: dict[int, int] = {}
+        for k, group in enumerate(groups):
+            for node in group:
+                for s in (*_used(node), node.out):
+                    last[s] = k
+        free: list[tuple[int, int]] = []
+        size = 0
+        ends: dict[int, list[int]] = {}
+        for s, k in last.items():
+            ends.setdefault(len(groups) if s in kept else k, []).append(s)
+        for k, group in enumerate(groups):
+            inside = {n.out for n in group}
+            for node in group:
+                source = self.sources[node.out]
+                if source.single or (_is_loop(node) and last[node.out] == k and node.out not in kept):
+                    continue
+                need = source.size
+                fit = min((hole for hole in free if hole[1] >= need), key=lambda hole: hole[1], default=None)
+                if fit:
+                    free.remove(fit)
+                    self.offsets[node.out] = fit[0]
+                    if fit[1] > need:
+                        free.append((fit[0] + need, fit[1] - need))
+                else:
+                    self.offsets[node.out] = size
+                    size += need
+            del inside
+            for s in ends.get(k, ()):
+                if s in self.offsets and not self.sources[s].shared:
+                    free = _joined([*free, (self.offsets[s], self.sources[s].size)])
+        return size
+
+    # References
+
+    def literal(self, value: Any) -> str:
+        if value.dtype.kind == "b":
+            return str(-int(value))
+        if value.dtype.kind != "f":
+            return f"({int(value)})"
+        if np.isnan(value):
+            return "((R)NAN)"
+        if np.isinf(value):
+            return "((R)INFINITY)" if value > 0 else "(-(R)INFINITY)"
+        text = repr(float(value)) if self.real.itemsize == 8 else f"{float(value):.9g}"
+        text = text if any(c in text for c in ".e") else text + ".0"
+        return f"({text}{'f' if self.real.itemsize == 4 else ''})"
+
+    def lanes(self, text: str, kind: str) -> str:
+        return f"ALL({text})" if kind == "f" else f"ALL_N({text})"
+
+    def at(self, source: int, index: str) -> str:
+        """An entry of a source, as it is written."""
+        found = self.sources[source]
+        if source in self.local:
+            return self.local[source]
+        if found.single:
+            return f"s{source}"
+        if found.table is not None:
+            return f"{self.table(found.table)}[{index}]"
+        if source not in self.offsets:
+            return f"((const R *)in[{found.of}])[{index}]"
+        offset = self.offsets[source]
+        place = index if not offset else f"{offset} + {index}" if index != "0" else str(offset)
+        if found.shared:
+            return f"u[{place}]" if found.kind == "f" else f"((N *)u)[{place}]"
+        return f"w[{place}]" if found.kind == "f" else f"((VI *)w)[{place}]"
+
+    def table(self, values: np.ndarray) -> str:
+        flat = values.reshape(-1)
+        key = flat.dtype.str.encode() + flat.tobytes()
+        if key not in self.tables:
+            name = self.tables[key] = f"t{len(self.tables)}"
+            if flat.dtype == np.int64 and values is not None and flat.dtype.metadata is None and flat.size and flat.max() < 1 << 15:
+                kind, texts = "uint16_t", [str(int(x)) for x in flat]
+            else:
+                kind = "R" if flat.dtype.kind == "f" else "N"
+                texts = [self.literal(x) for x in flat]
+            self.table_lines.append(f"static const {kind} {name}[{flat.size}] = {{")
+            for k in range(0, len(texts), _TABLE_LINE):
+                self.table_lines.append("    " + ", ".join(texts[k : k + _TABLE_LINE]) + ",")
+            self.table_lines.append("};")
+        return self.tables[key]
+
+    def reader(self, places: np.ndarray, sizes: Sequence[int], lanes: bool) -> Callable[[Sequence[str]], str]:
+        """How an operand with these places, of a loop over `sizes`, is written for given loop variables."""
+        places = np.asarray(places).reshape(-1)
+        first = int(places[0])
+        if first < 0:
+            value = self.program.known(first)
+            text = self.literal(value)
+            return lambda _: self.lanes(text, "f" if value.dtype.kind == "f" else "i") if lanes else text
+        source = first >> _BITS
+        index = (places & _INDEX).reshape(tuple(sizes))
+        strides = _strides(index)
+        name = None if strides is not None else self.table(index.astype(np.int64))
+        found = self.sources[source]
+
+        def read(variables):
+            if name is None:
+                where = _affine(int(index.flat[0]), strides, variables)
+            else:
+                where = f"{name}[{_affine(0, _row_major(sizes), variables)}]"
+            text = self.at(source, where)
+            return self.lanes(text, found.kind) if lanes and found.shared else text
+
+        return read
+
+    # Code
+
+    def loads(self, dtypes, results):
+        """Arguments that each state has its own of, as nodes without operands."""
+        used = {s for node in self.nodes for s in _used(node)}
+        used |= {int(p) >> _BITS for places, _ in results for p in places.reshape(-1) if p >= 0}
+        return [
+            [_Load(s)] for s, source in enumerate(self.sources) if source.of >= 0 and not source.shared and s in used
+        ]
+
+    def load(self, group, dtypes):
+        s = group[0].out
+        source = self.sources[s]
+        dtype = dtypes[source.of]
+        kind = _c_type(dtype)
+        value = f"a[e]{' != 0' if dtype.kind == 'b' else ''}"
+        value = f"-({value})" if dtype.kind == "b" else value
+        target = "((R *)w)" if source.kind == "f" else "((N *)w)"
+        return [
+            f"for (int l = 0; l < LANES; l++) {{",
+            f"    const {kind} *a = (const {kind} *)in[{source.of}] + (begin + (l < count ? l : 0)) * {source.size};",
+            f"    for (int e = 0; e < {source.size}; e++) {target}[({self.offsets[s]} + e) * LANES + l] = {value};",
+            "}",
+        ]
+
+    def shared_load(self, k, dtype):
+        for s, source in enumerate(self.sources):
+            if source.of == k and s in self.offsets and source.shared:
+                kind = _c_type(dtype)
+                value = f"-(((const {kind} *)in[{k}])[e] != 0)" if dtype.kind == "b" else f"((const {kind} *)in[{k}])[e]"
+                target = "u" if source.kind == "f" else "((N *)u)"
+                return [f"for (int e = 0; e < {source.size}; e++) {target}[{self.offsets[s]} + e] = {value};"]
+        return []
+
+    def store(self, k: int, places: np.ndarray, dtype: np.dtype) -> list[str]:
+        """Result `k` of these states, from the lanes."""
+        flat = places.reshape(-1)
+        kind, size = _c_type(dtype), flat.size
+        vector, single = ("V", "R") if dtype.kind == "f" else ("VI", "N")
+        truth = " != 0" if dtype.kind == "b" else ""
+
+        def one(read, index, entry):
+            value = f"{vector} x = {read([index])};"
+            return f"{value} for (int l = 0; l < count; l++) o[l * {size} + {entry}] = (({single} *)&x)[l]{truth};"
+
+        if size > 4 and len(_sources(flat)) == 1 and (flat >= 0).all():
+            lines = [f"for (int e = 0; e < {size}; e++) {{ {one(self.reader(flat, [size], True), 'e', 'e')} }}"]
+        else:
+            lines = [f"{{ {one(self.reader(place, [], True), '0', e)} }}" for e, place in enumerate(flat)]
+        return [f"{{ {kind} *o = ({kind} *)out[{k}] + begin * {size};", *lines, "}"]
+
+    def code(self, group) -> list[str]:
+        node = group[0]
+        if node.op == "dot":
+            return self.dot(node)
+        if node.op == "reduce":
+            return self.reduce(node)
+        if node.op == "copy":
+            return self.copy(node)
+        if not node.shape:
+            out = self.sources[node.out]
+            operands = [self.reader(p, [], not out.shared)([]) for p in node.places]
+            return [f"{self.type(out)} s{node.out} = {self.operation(node, operands)};"]
+        return self.loop(group)
+
+    def type(self, source) -> str:
+        return {(True, "f"): "R", (True, "i"): "N", (False, "f"): "V", (False, "i"): "VI"}[source.shared, source.kind]
+
+    def loop(self, group) -> list[str]:
+        own = {n.out for n in group}
+        shape = group[0].shape
+        reads = [p for n in group for p in n.places if not (_sources(p) & own)]
+        sizes = _merged(shape, [p & _INDEX for p in reads if p.flat[0] >= 0 and _strides(p & _INDEX) is not None])
+        variables = [f"i{k}" for k in range(len(sizes))]
+        flat = _affine(0, _row_major(sizes), variables)
+        lines, inside = _heads(variables, sizes), []
+        for node in group:
+            out = self.sources[node.out]
+            operands = [self.reader(p, sizes, not out.shared)(variables) for p in node.places]
+            inside.append(f"{self.type(out)} s{node.out} = {self.operation(node, operands)};")
+            if node.out in self.offsets:
+                inside.append(f"{self.at(node.out, flat)} = s{node.out};")
+            self.local[node.out] = f"s{node.out}"
+        for s in own:
+            del self.local[s]
+        pad = "    " * len(lines)
+        return [*lines, *(pad + line for line in inside), "}" * len(lines)]
+
+    def copy(self, node) -> list[str]:
+        flat, out = node.places[0].reshape(-1), self.sources[node.out]
+        lines, start = [], 0
+        keys = [(-1, int(p)) if p < 0 else (int(p) >> _BITS, 0) for p in flat]
+        while start < len(flat):
+            end = start
+            while end < len(flat) and keys[end] == keys[start]:
+                end += 1
+            read = self.reader(flat[start:end], [end - start], not out.shared)
+            if end - start == 1:
+                lines.append(f"{self.at(node.out, str(start))} = {read(['0'])};")
+            else:
+                into = self.at(node.out, _affine(start, [1], ["e"]))
+                lines.append(f"for (int e = 0; e < {end - start}; e++) {into} = {read(['e'])};")
+            start = end
+        return lines
+
+    def reduce(self, node) -> list[str]:
+        rows, length = node.shape
+        out = self.sources[node.out]
+        kind, lanes = self.type(out), not out.shared
+        read = self.reader(node.places[0], node.shape, lanes)
+        sums = min(_SUMS, length)
+        whole = length - length % sums
+        by = node.settings["by"]
+        if by in _FOLDS:
+            fold = _FOLDS[by]
+        else:
+            suffix = {"R": "r", "N": "n", "V": "v", "VI": "vi"}[kind]
+            fold = f"{by.removeprefix('reduce_')}_{suffix}({{0}}, {{1}})"
+        lines = [f"for (int i = 0; i < {rows}; i++) {{"]
+        lines += [f"    {kind} c{k} = {read(['i', str(k)])};" for k in range(sums)]
+        lines.append(f"    for (int j = {sums}; j < {whole}; j += {sums}) {{")
+        lines += [f"        c{k} = {fold.format(f'c{k}', read(['i', f'(j + {k})']))};" for k in range(sums)]
+        lines.append("    }")
+        lines += [f"    c0 = {fold.format('c0', read(['i', str(k)]))};" for k in range(whole, length)]
+        lines += [f"    c0 = {fold.format('c0', f'c{k}')};" for k in range(1, sums)]
+        return [*lines, f"    {self.at(node.out, 'i')} = c0;", "}"]
+
+    def dot(self, node) -> list[str]:
+        batch, rows, length, columns = node.shape
+        out = self.sources[node.out]
+        kind, lanes = self.type(out), not out.shared
+        A, B = node.places
+        a, b = self.reader(A, (batch, rows, length), lanes), self.reader(B, (batch, columns, length), lanes)
+        lines = [f"for (int n = 0; n < {batch}; n++) {{"]
+        for first, end, m in _blocks(rows, _ROWS):
+            lines.append(f"    for (int i = {first}; i < {end}; i += {m}) {{")
+            for left, right, c in _blocks(columns, _PRODUCTS // m):
+                lines.append(f"        for (int j = {left}; j < {right}; j += {c}) {{")
+                pairs = [(r, s) for r in range(m) for s in range(c)]
+                zero = "{0}" if lanes else "0"
+                lines.append("            " + " ".join(f"{kind} c{r}{s} = {zero};" for r, s in pairs))
+                lines.append(f"            for (int k = 0; k < {length}; k++) {{")
+                for s in range(c):
+                    lines.append(f"                {kind} b{s} = {b(['n', f'(j + {s})', 'k'])};")
+                for r in range(m):
+                    lines.append(f"                {kind} a{r} = {a(['n', f'(i + {r})', 'k'])};")
+                lines.append("                " + " ".join(f"c{r}{s} += a{r} * b{s};" for r, s in pairs))
+                lines.append("            }")
+                for r, s in pairs:
+                    where = f"(n * {rows} + i + {r}) * {columns} + j + {s}"
+                    lines.append(f"            {self.at(node.out, where)} = c{r}{s};")
+                lines.append("        }")
+            lines.append("    }")
+        return [*lines, "}"]
+
+    def operation(self, node, x: list[str]) -> str:
+        out = self.sources[node.out]
+        name, settings = node.op, node.settings
+        suffix = {"R": "r", "N": "n", "V": "v", "VI": "vi"}[self.type(out)]
+        if name == "div" and not out.shared and self.program.is_shared(node.places[1]):
+            return f"{x[0]} * {x[1].replace('ALL(', 'ALL(1 / ', 1)}"
+        if name in _SIGNS:
+            return f"{x[0]} {_SIGNS[name]} {x[1]}"
+        if name in _COMPARISONS:
+            return f"-({x[0]} {_COMPARISONS[name]} {x[1]})" if out.shared else f"{x[0]} {_COMPARISONS[name]} {x[1]}"
+        if name == "neg":
+            return f"-{x[0]}"
+        if name == "not":
+            return f"~{x[0]}"
+        if name == "square":
+            return f"{x[0]} * {x[0]}"
+        if name == "select_n":
+            return f"select_{suffix}({x[0]}, {x[2]}, {x[1]})"
+        if name == "clamp":
+            return f"min_{suffix}(max_{suffix}({x[1]}, {x[0]}), {x[2]})"
+        if name == "integer_pow":
+            return _power(x[0], settings["y"])
+        if name == "round":
+            return f"round_{'away' if int(settings['rounding_method']) == 0 else 'even'}_{suffix}({x[0]})"
+        if name == "convert_element_type":
+            return self.conversion(x[0], settings["old"], settings["new"], out.shared)
+        if name == "is_finite":
+            suffix = {"n": "r", "vi": "v"}[suffix]
+        return f"{name}_{suffix}({', '.join(x)})"
+
+    def conversion(self, x: str, old: str, new: str, shared: bool) -> str:
+        if new == "b":
+            return f"-({x} != 0)" if shared else f"({x} != 0)"
+        x = f"-{x}" if old == "b" else x
+        if shared:
+            return f"({'R' if new == 'f' else 'N'})({x})"
+        if "f" in (old, new):
+            return f"__builtin_convertvector({x}, {'V' if new == 'f' else 'VI'})"
+        return x
+
+
+class _Load:
+    op, settings, places, shape = "load", None, (), ()
+
+    def __init__(self, out: int):
+        self.out = out
+
+
+def _sources(places: np.ndarray) -> set[int]:
+    return {int(s) for s in np.unique(places[places >= 0] >> _BITS)}
+
+
+def _used(node) -> set[int]:
+    return set().union(*map(_sources, node.places)) if node.places else set()
+
+
+def _is_loop(node) -> bool:
+    return bool(node.shape) and node.op not in ("dot", "reduce", "copy")
+
+
+def _strides(index: np.ndarray) -> list[int] | None:
+    """How far entries are apart along each axis, if that is the same everywhere."""
+    corner = (0,) * index.ndim
+    base = int(index[corner])
+    found = []
+    for axis, size in enumerate(index.shape):
+        at = tuple(1 if k == axis else 0 for k in range(index.ndim))
+        found.append(int(index[at]) - base if size > 1 else 0)
+    expected = base
+    for axis, (size, stride) in enumerate(zip(index.shape, found, strict=True)):
+        along = np.arange(size) * stride
+        expected = expected + along.reshape([-1 if k == axis else 1 for k in range(index.ndim)])
+    return found if np.array_equal(np.broadcast_to(expected, index.shape), index) else None
+
+
+def _row_major(sizes: Sequence[int]) -> list[int]:
+    return [math.prod(sizes[k + 1 :]) for k in range(len(sizes))]
+
+
+def _merged(shape: Sequence[int], indices: Sequence[np.ndarray]) -> list[int]:
+    """The sizes of as few loops as run over all of the operands."""
+    strides = [_strides(index.reshape(tuple(shape))) for index in indices]
+    sizes, steps = [shape[0]], [[s[0]] for s in strides if s]
+    for axis in range(1, len(shape)):
+        size = shape[axis]
+        together = all(
+            sizes[-1] == 1 or size == 1 or own[-1] == s[axis] * size for own, s in zip(steps, strides, strict=True)
+        )
+        if together:
+            for own, s in zip(steps, strides, strict=True):
+                own[-1] = s[axis] if size > 1 else own[-1]
+            sizes[-1] *= size
+        else:
+            sizes.append(size)
+            for own, s in zip(steps, strides, strict=True):
+                own.append(s[axis])
+    return sizes
+
+
+def _affine(base: int, strides: Sequence[int] | None, variables: Sequence[str]) -> str:
+    terms = [v if s == 1 else f"{v} * {s}" for v, s in zip(variables, strides or (), strict=False) if s and v != "0"]
+    return " + ".join([*terms, str(base)] if base or not terms else terms)
+
+
+def _heads(variables, sizes) -> list[str]:
+    return [f"for (int {v} = 0; {v} < {n}; {v}++) {{" for v, n in zip(variables, sizes, strict=True)]
+
+
+def _blocks(size: int, most: int) -> list[tuple[int, int, int]]:
+    """A range as blocks of `most` and what is left over: from, to, and at once."""
+    whole = size - size % most
+    found = [(0, whole, most)] if whole else []
+    return [*found, (whole, size, size - whole)] if size > whole else found
+
+
+def _joined(holes: list[tuple[int, int]]) -> list[tuple[int, int]]:
+    """Free ranges, neighbours as one."""
+    found: list[tuple[int, int]] = []
+    for start, size in sorted(holes):
+        if found and sum(found[-1]) == start:
+            found[-1] = (found[-1][0], found[-1][1] + size)
+        else:
+            found.append((start, size))
+    return found
+
+
+def _power(x: str, y: int) -> str:
+    if y == 0:
+        return f"({x} * 0 + 1)"
+    text = " * ".join([f"({x})"] * abs(y)) if abs(y) <= 4 else None
+    if text is None:
+        half = _power(x, abs(y) // 2)
+        text = f"({half}) * ({half})" + (f" * ({x})" if abs(y) % 2 else "")
+    return f"1 / ({text})" if y < 0 else text
+
+
+def _c_type(dtype: Any) -> str:
+    dtype = np.dtype(dtype)
+    if dtype.kind == "f":
+        return "float" if dtype.itemsize == 4 else "double"
+    return "uint8_t" if dtype.kind == "b" else f"int{8 * dtype.itemsize}_t"

@@ -1,0 +1,170 @@
+"""Batches of a function by a C program, where a C compiler is at hand: states in the lanes of the processor's vectors.
+
+XLA:CPU runs a whole policy as some two hundred kernels that write all they compute to memory. C that is written from
+the same operations keeps it in the processor's caches, and is compiled in less time. Derivatives, single states, other
+platforms and machines without a compiler get what JAX makes of the function.
+"""
+
+import ctypes
+import functools
+import hashlib
+import os
+import platform
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.extend.core import ClosedJaxpr, Primitive, jaxpr_as_fun
+from jax.interpreters import ad, batching, mlir
+
+from ._c_program import c_program
+from ._one_loop import bound
+from ._plan import logger
+from ._scalar_program import NotScalar
+from ._switch import is_on
+
+_in_lanes_p = Primitive("in_lanes")
+_in_lanes_p.multiple_results = True
+_FLAGS = "-std=gnu11 -O1 -march=native -fPIC -shared -fno-math-errno -fno-trapping-math -fno-strict-aliasing".split()
+_FEWEST = 4  # states from which on lanes are worth it
+
+
+class Native(NamedTuple):
+    """`target`, the name of a foreign function, or None for a `reason`; `constants`, its arguments behind the others."""
+
+    target: str | None
+    reason: str
+    constants: tuple[np.ndarray, ...] = ()
+
+
+def in_lanes(function: Callable[..., Any]) -> Callable[..., Any]:
+    """`function`, to be mapped by `jax.vmap` over a batch: on a CPU, by a C program if there is a C compiler.
+
+    For what is called often with the same shapes, such as a step of a simulation: the C compiler takes seconds. Its
+    programs are kept in the folder that the environment variable `JAXRMP_CACHE` names, by default
+    `~/.cache/jaxrmp`. What cannot be said in C is mapped as usual, and the logger `jaxrmp.xla` says why.
+    """
+
+    @functools.wraps(function)
+    def laned(*arguments):
+        if not is_on():
+            return function(*arguments)
+        return bound(_in_lanes_p, function, arguments, places=None, size=0)
+
+    return laned
+
+
+def _mapped(*values, jaxpr, places, **_):
+    function = jaxpr_as_fun(jaxpr)
+    return function(*values) if places is None else jax.vmap(function, in_axes=places)(*values)
+
+
+def _shapes(*_values, jaxpr, places, size, **_):
+    return [a if places is None else a.update(shape=(size, *a.shape)) for a in jaxpr.out_avals]
+
+
+def _batch(values, dimensions, *, jaxpr, places, size, name):
+    if places is not None:
+        mapped = functools.partial(_mapped, jaxpr=jaxpr, places=places)
+        return jax.vmap(mapped, in_axes=dimensions)(*values), [0] * len(jaxpr.out_avals)
+    size = next(v.shape[d] for v, d in zip(values, dimensions, strict=True) if d is not None)
+    found = _in_lanes_p.bind(*values, jaxpr=jaxpr, places=tuple(dimensions), size=size, name=name)
+    return found, [0] * len(found)
+
+
+def _push(primals, tangents, **parameters):
+    function = functools.partial(_mapped, **parameters)
+    return jax.jvp(function, primals, tuple(ad.instantiate_zeros(t) for t in tangents))
+
+
+def _lower_on_cpu(context, *values, jaxpr, places, size, name):
+    function = functools.partial(_mapped, jaxpr=jaxpr, places=places)
+    if is_on() and places is not None and size >= _FEWEST:
+        native = native_of(jaxpr, tuple(p is not None for p in places), name)
+        if native.target:
+            function = functools.partial(_called, native=native, places=places, size=size, results=jaxpr.out_avals)
+    return mlir.lower_fun(function, multiple_results=True)(context, *values)
+
+
+def _called(*values, native, places, size, results):
+    first = [v if k is None else jnp.moveaxis(v, k, 0) for v, k in zip(values, places, strict=True)]
+    shapes = [jax.ShapeDtypeStruct((size, *a.shape), a.dtype) for a in results]
+    return jax.ffi.ffi_call(native.target, shapes)(*first, *map(jnp.asarray, native.constants))
+
+
+@functools.lru_cache(maxsize=256)
+def native_of(jaxpr: ClosedJaxpr, mapped: tuple[bool, ...], name: str) -> Native:
+    """The C program for a batch of a function, compiled and known to XLA, or why there is none."""
+    try:
+        program = c_program(jaxpr, mapped, "program")
+        library = _compiled(program.text)
+    except NotScalar as error:
+        logger.info("%s is not written in C: %s", name, error)
+        return Native(None, str(error))
+    except OSError as error:
+        logger.warning("%s is not compiled as C, and runs slower: %s", name, error)
+        return Native(None, str(error))
+    return Native(_registered(library), "", program.constants)
+
+
+@functools.cache
+def _registered(library: Path) -> str:
+    target = f"jaxrmp_{library.stem}"
+    handler = ctypes.CDLL(str(library)).program_ffi
+    jax.ffi.register_ffi_target(target, jax.ffi.pycapsule(handler), platform="cpu")
+    return target
+
+
+def _compiled(text: str) -> Path:
+    """The library of a C program; **raises** `OSError` where there is none to be had."""
+    compiler, version = _compiler()
+    here = Path(__file__).parent
+    headers = "".join((here / name).read_text() for name in ("lanes.h", "ffi.h"))
+    key = hashlib.sha256("\0".join((text, headers, *_FLAGS, version, _processor(), jax.__version__)).encode()).hexdigest()[:32]
+    folder = Path(os.environ.get("JAXRMP_CACHE") or Path.home() / ".cache" / "jaxrmp")
+    library = folder / f"{key}.so"
+    if library.exists():
+        return library
+    folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+    with tempfile.TemporaryDirectory(dir=folder) as made:
+        source = Path(made, "program.c")
+        source.write_text(f'{text}\n#define PROGRAM program\n#include "ffi.h"\n')
+        mathematics = ["-lmvec", "-lm"] if platform.machine() == "x86_64" and platform.system() == "Linux" else ["-lm"]
+        include = [f"-I{here}", f"-I{jax.ffi.include_dir()}"]
+        command = [compiler, *_FLAGS, *include, str(source), "-o", str(Path(made, "program.so")), *mathematics]
+        ran = subprocess.run(command, capture_output=True, text=True, check=False)
+        if ran.returncode:
+            raise OSError(f"{' '.join(command[:3])} ...: {ran.stderr.strip()[-300:]}")
+        os.replace(Path(made, "program.so"), library)
+    return library
+
+
+@functools.cache
+def _compiler() -> tuple[str, str]:
+    """The C compiler, by the environment variable `CC` or on the path, and what it calls itself."""
+    found = shutil.which(os.environ.get("CC") or "cc") or shutil.which("gcc") or shutil.which("clang")
+    if not found:
+        raise OSError("there is no C compiler on the path (cc, gcc or clang), and CC names none.")
+    return found, subprocess.run([found, "--version"], capture_output=True, text=True, check=False).stdout
+
+
+def _processor() -> str:
+    try:
+        with open("/proc/cpuinfo") as file:
+            return next((line for line in file if line.startswith(("flags", "Features"))), platform.processor())
+    except OSError:
+        return f"{platform.machine()} {platform.processor()}"
+
+
+_in_lanes_p.def_impl(_mapped)
+_in_lanes_p.def_abstract_eval(_shapes)
+batching.primitive_batchers[_in_lanes_p] = _batch
+ad.primitive_jvps[_in_lanes_p] = _push
+mlir.register_lowering(_in_lanes_p, mlir.lower_fun(_mapped, multiple_results=True))
+mlir.register_lowering(_in_lanes_p, _lower_on_cpu, platform="cpu")
