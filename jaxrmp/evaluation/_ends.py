@@ -9,6 +9,7 @@ import numpy as np
 
 from .._tree import Node
 from ..simulation import End, Outcomes, Problem
+from ..xla import in_lanes
 
 _BATCH = 256
 _LEAST_FORCE = 1e-3  # N m (or N), what a limit must push with at least to be what holds the arm
@@ -79,12 +80,14 @@ def _by_blocks(compute: Callable[[np.ndarray], tuple], q: np.ndarray) -> tuple[n
 
 @jax.jit
 def _forces(problem: Problem, limits: Node | None, q: jax.Array):
-    def one(q):
-        still = jnp.zeros_like(q)
-        limit_force = still if limits is None else limits(q, still).f
-        return problem.tree(q, still).f, limit_force
+    return jax.vmap(_forces_of_one, in_axes=(None, None, 0))(problem, limits, q)
 
-    return jax.vmap(one)(q)
+
+@in_lanes
+def _forces_of_one(problem: Problem, limits: Node | None, q: jax.Array):
+    still = jnp.zeros_like(q)
+    limit_force = still if limits is None else limits(q, still).f
+    return problem.tree(q, still).f, limit_force
 
 
 @jax.jit

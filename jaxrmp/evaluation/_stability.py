@@ -12,6 +12,7 @@ from .._certificate import certificate, uncertified_leaves
 from .._linalg import cholesky_solve
 from ..leaves import Learned
 from ..simulation import Problem
+from ..xla import in_lanes
 from ._rest_points import cluster
 
 _STEPS = 300  # of the search for stationary points
@@ -108,11 +109,13 @@ class CertificateWatch:
 
 @jax.jit
 def _certificates(problem, q, qd):
-    def one(q, qd):
-        found = certificate(problem.tree, q, qd)
-        return found.residual, found.dV_dt / (1 + jnp.abs(found.energy))
+    return jax.vmap(_certified, in_axes=(None, 0, 0))(problem.tree, jnp.asarray(q), jnp.asarray(qd))
 
-    return jax.vmap(one)(jnp.asarray(q), jnp.asarray(qd))
+
+@in_lanes
+def _certified(tree, q, qd):
+    found = certificate(tree, q, qd)
+    return found.residual, found.dV_dt / (1 + jnp.abs(found.energy))
 
 
 @jax.jit

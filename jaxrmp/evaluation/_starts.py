@@ -8,6 +8,7 @@ import numpy as np
 
 from .._errors import ConfigurationError, ShapeError
 from ..simulation import Problem
+from ..xla import in_lanes
 
 _BLOCK = 1024  # draws at a time; part of what a seed means
 _DRAWS = 200  # blocks in a row without a free configuration until giving up
@@ -106,4 +107,4 @@ def _clearances(problem: Problem, q: np.ndarray) -> np.ndarray:
 
 @jax.jit
 def _compiled_clearances(problem: Problem, q: jax.Array) -> jax.Array:
-    return jax.vmap(problem.clearance)(jnp.asarray(q, jnp.float32))
+    return jax.vmap(in_lanes(Problem.clearance), in_axes=(None, 0))(problem, jnp.asarray(q, jnp.float32))

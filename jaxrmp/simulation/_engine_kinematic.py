@@ -6,8 +6,9 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.sharding import Mesh, PartitionSpec
 
-from ..xla._lanes import in_lanes
+from ..xla import in_lanes
 from ._devices import Devices
 from ._judge import End, Problem, StopCriteria, Track, judged
 from ._step import Motion, command, euler
@@ -63,26 +64,36 @@ class KinematicEngine:
         return 0 if needed is None else needed.temp_size_in_bytes + needed.output_size_in_bytes
 
     def _settings(self):
-        return {"chunk": self.chunk, "every": self.every}
+        return {"chunk": self.chunk, "every": self.every, "mesh": self.devices.mesh}
 
 
-@partial(jax.jit, static_argnames=("chunk", "every"))
-def _advance(problem: Problem, state: KinematicState, criteria: StopCriteria, dt: float, chunk: int, every: int):
-    @in_lanes
-    def stepped(problem: Problem, criteria: StopCriteria, dt: float, state: KinematicState) -> KinematicState:
-        q, rest, qd, track = state
-        asked = command(problem.tree, q, qd)
-        track = judged(problem, criteria, dt, track, q, qd, asked)
-        running, now = track.status == End.RUNNING, Motion(q, rest, qd)
-        ahead = euler(now, asked.qdd, dt)
-        return KinematicState(*jax.tree.map(partial(jnp.where, running), ahead, now), track=track)
+@partial(jax.jit, static_argnames=("chunk", "every", "mesh"))
+def _advance(
+    problem: Problem, state: KinematicState, criteria: StopCriteria, dt: float, chunk: int, every: int, mesh: Mesh
+):
+    def of_one(problem, criteria, dt, state):
+        def step(state, _):
+            return stepped(problem, criteria, dt, state), None
 
-    def step(state: KinematicState, _):
-        return stepped(problem, criteria, dt, state), None
+        def look(state, _):
+            state, _ = jax.lax.scan(step, state, length=every)
+            clearance = jnp.minimum(state.track.clearance, in_lanes(Problem.clearance)(problem, state.q))
+            return state._replace(track=state.track._replace(clearance=clearance)), None
 
-    def look(state: KinematicState, _):
-        state, _ = jax.lax.scan(step, state, length=every)
-        clearance = jnp.minimum(state.track.clearance, problem.clearance(state.q))
-        return state._replace(track=state.track._replace(clearance=clearance)), None
+        return jax.lax.scan(look, state, length=chunk // every)[0]
 
-    return jax.vmap(lambda state: jax.lax.scan(look, state, length=chunk // every)[0])(state)
+    many, same, own = jax.vmap(of_one, in_axes=(None, None, None, 0)), PartitionSpec(), PartitionSpec(*mesh.axis_names)
+    # Each device by itself: they never talk, and what is called in C is not cut into parts by XLA.
+    specs = {"in_specs": (same, same, same, own), "out_specs": own, "check_vma": False}
+    return jax.shard_map(many, mesh=mesh, **specs)(problem, criteria, dt, state)
+
+
+@in_lanes
+def stepped(problem: Problem, criteria: StopCriteria, dt: jax.Array, state: KinematicState) -> KinematicState:
+    """One start a step on, unless it has ended."""
+    q, rest, qd, track = state
+    asked = command(problem.tree, q, qd)
+    track = judged(problem, criteria, dt, track, q, qd, asked)
+    running, now = track.status == End.RUNNING, Motion(q, rest, qd)
+    ahead = euler(now, asked.qdd, dt)
+    return KinematicState(*jax.tree.map(partial(jnp.where, running), ahead, now), track=track)

@@ -7,6 +7,7 @@ repeats. With `machinery(False)`, or `JAXRMP_XLA=off` in the environment, that w
 from ._compiled import Compiled as Compiled
 from ._compiled import compiled as compiled
 from ._cores import own_cores as own_cores
+from ._lanes import in_lanes as in_lanes
 from ._materialise import concatenated as concatenated
 from ._materialise import materialise as materialise
 from ._one_loop import one_loop as one_loop

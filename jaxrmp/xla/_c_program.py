@@ -15,11 +15,11 @@ import jax
 import numpy as np
 from jax.extend.core import ClosedJaxpr
 
-from ._scalar_program import ELEMENTWISE, MOVES, REDUCTIONS, Builder, NotScalar, Operation, coordinate_program
+from ._c_text import BITS, INDEX, written
+from ._scalar_program import ELEMENTWISE, REDUCTIONS, Builder, NotScalar, Operation, coordinate_program
 
 _LEAST = 4  # coordinates from which on a loop is worth it
 _SMALL = 16  # entries of an array that is taken apart, and operations of a product or a sum
-_BITS, _INDEX = 21, (1 << 21) - 1  # a place is a source's number and, in so many bits, an entry's
 _FLAT_MOST = 3000
 _MOST_KNOWN, _MOST_WRITTEN = 65536, 1024  # numbers of a constant whose values are looked at, and that are written out
 _OF_NUMBERS = frozenset(("add", "add_any", "sub", "mul", "neg", "max", "min", "reduce_max", "reduce_min", "reduce_sum"))
@@ -83,13 +83,13 @@ class _Program(Builder):
 
     def source(self, *fields, **more) -> int:
         found = Source(*fields, **more)
-        if found.size > _INDEX:
+        if found.size > INDEX:
             raise NotScalar(f"an array of {found.size:,} entries")
         self.sources.append(found)
         return len(self.sources) - 1
 
     def whole(self, source: int, shape: Sequence[int]) -> np.ndarray:
-        return ((source << _BITS) + np.arange(math.prod(shape), dtype=np.int64)).reshape(shape)
+        return ((source << BITS) + np.arange(math.prod(shape), dtype=np.int64)).reshape(shape)
 
     def number(self, value: np.generic) -> int:
         key = (value.dtype, value.tobytes())
@@ -128,7 +128,7 @@ class _Program(Builder):
         return self._tables[key].reshape(places.shape)
 
     def is_shared(self, *places: np.ndarray) -> bool:
-        used = {int(s) for p in places for s in np.unique(p[p >= 0] >> _BITS)}
+        used = {int(s) for p in places for s in np.unique(p[p >= 0] >> BITS)}
         return all(self.sources[s].shared for s in used)
 
     # What Builder asks for
@@ -143,8 +143,8 @@ class _Program(Builder):
             name = _supported(step.primitive.name, step.dtype)
             out = self.source(self.is_shared(*codes), _kind(step.dtype), 1, single=True)
             self.nodes.append(Node(out, name, dict(step.parameters), codes, ()))
-            self._places[key] = out << _BITS
-            self._made[out << _BITS] = step
+            self._places[key] = out << BITS
+            self._made[out << BITS] = step
         return self._places[key]
 
     def made(self, place: int) -> Any:
@@ -169,6 +169,8 @@ class _Program(Builder):
     def _converted(self, primitive, places, old, new) -> np.ndarray:
         if old == new or (old.kind in "iu" and new.kind in "iu"):
             return places
+        if (places < 0).all():
+            return self.numbers([self.known(p) for p in places.reshape(-1)], new).reshape(places.shape)
         if "f" == old.kind == new.kind:
             raise NotScalar(f"numbers of type {old} and {new}")
         # Only kinds matter: there is one type of each in a program.
@@ -193,7 +195,7 @@ class _Program(Builder):
                 raise
             del self.sources[before[0] :], self.nodes[before[1] :]
             self.single_steps, self._places, self._made = before[2:]
-            self._tables = {k: v for k, v in self._tables.items() if v[0] >> _BITS < before[0]}
+            self._tables = {k: v for k, v in self._tables.items() if v[0] >> BITS < before[0]}
             self._whole = 0
             return self.run(closed.jaxpr, *arguments)
         finally:
@@ -250,10 +252,10 @@ class _Program(Builder):
         """The same entries, from one source each that a loop can run over."""
         if (places < 0).all():
             return places if _constant(places) else self.table(places)
-        used = np.unique(places >> _BITS)
+        used = np.unique(places >> BITS)
         if (places >= 0).all() and len(used) == 1:
             return places
-        kind = self.sources[int(places[places >= 0].flat[0]) >> _BITS].kind
+        kind = self.sources[int(places[places >= 0].flat[0]) >> BITS].kind
         distinct, first, where = np.unique(places, return_index=True, return_inverse=True)
         if 4 * len(distinct) <= places.size:  # each once, in the order in which they come
             order = np.argsort(first)
@@ -393,8 +395,6 @@ def c_program(closed: ClosedJaxpr, mapped: Sequence[bool], name: str) -> CProgra
     memory, they have a leading axis of states, as all results do.
     **Raises** `NotScalar` for what it cannot say in C; the message says why.
     """
-    from . import _c_text; written=_c_text.written
-
     values: list[Any] = [*closed.in_avals, *closed.out_avals]
     kinds = {a.dtype for a in values if a.dtype.kind == "f"}
     if len(kinds) != 1 or (real := next(iter(kinds))) not in (np.float32, np.float64):

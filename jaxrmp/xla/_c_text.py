@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-_BITS, _INDEX = 21, (1 << 21) - 1
+BITS, INDEX = 21, (1 << 21) - 1  # a place is a source's number and, in so many bits, an entry's
 _SIGNS = {
     **dict.fromkeys(("add", "add_any"), "+"),
     **{"sub": "-", "mul": "*", "div": "/", "and": "&", "or": "|", "xor": "^"},
@@ -17,7 +17,9 @@ _ROWS, _PRODUCTS, _SUMS = 4, 8, 4  # rows and entries of a product computed at o
 _TABLE_LINE = 24
 
 
-def written(program: Any, dtypes: Sequence[Any], results: Sequence[tuple[np.ndarray, Any]], real: Any, name: str) -> str:
+def written(
+    program: Any, dtypes: Sequence[Any], results: Sequence[tuple[np.ndarray, Any]], real: Any, name: str
+) -> str:
     """The C file of a program.
 
     **Arguments**: `program`, with its sources and nodes; `dtypes` of the arguments, and `results`, places and dtype of
@@ -38,10 +40,10 @@ class _Writer:
     def file(self, dtypes, results, name) -> str:
         shared = [n for n in self.nodes if self.sources[n.out].shared]
         mapped = [n for n in self.nodes if not self.sources[n.out].shared]
-        loads = self.loads(dtypes, results)
+        loads = self.loads(results)
         shared_groups, groups = self.groups(shared), self.groups(mapped)
         shared_size = self.lay_out_shared(dtypes)
-        kept = {int(p) >> _BITS for places, _ in results for p in places.reshape(-1) if p >= 0}
+        kept = {int(p) >> BITS for places, _ in results for p in places.reshape(-1) if p >= 0}
         size = self.lay_out([*loads, *groups], kept)
         once = [line for k in range(len(dtypes)) for line in self.shared_load(k, dtypes[k])]
         for group in shared_groups:
@@ -116,7 +118,7 @@ class _Writer:
             return False
         for places in node.places:
             used = _sources(places) & own
-            if used and not np.array_equal(places & _INDEX, np.arange(places.size).reshape(places.shape)):
+            if used and not np.array_equal(places & INDEX, np.arange(places.size).reshape(places.shape)):
                 return False
         return True
 
@@ -147,7 +149,6 @@ class _Writer:
         for s, k in last.items():
             ends.setdefault(len(groups) if s in kept else k, []).append(s)
         for k, group in enumerate(groups):
-            inside = {n.out for n in group}
             for node in group:
                 source = self.sources[node.out]
                 if source.single or (_is_loop(node) and last[node.out] == k and node.out not in kept):
@@ -162,7 +163,6 @@ class _Writer:
                 else:
                     self.offsets[node.out] = size
                     size += need
-            del inside
             for s in ends.get(k, ()):
                 if s in self.offsets and not self.sources[s].shared:
                     free = _joined([*free, (self.offsets[s], self.sources[s].size)])
@@ -208,8 +208,8 @@ class _Writer:
         key = flat.dtype.str.encode() + flat.tobytes()
         if key not in self.tables:
             name = self.tables[key] = f"t{len(self.tables)}"
-            if flat.dtype == np.int64 and values is not None and flat.dtype.metadata is None and flat.size and flat.max() < 1 << 15:
-                kind, texts = "uint16_t", [str(int(x)) for x in flat]
+            if flat.dtype == np.uint32:  # of entries
+                kind, texts = "uint32_t", [str(x) for x in flat]
             else:
                 kind = "R" if flat.dtype.kind == "f" else "N"
                 texts = [self.literal(x) for x in flat]
@@ -227,10 +227,10 @@ class _Writer:
             value = self.program.known(first)
             text = self.literal(value)
             return lambda _: self.lanes(text, "f" if value.dtype.kind == "f" else "i") if lanes else text
-        source = first >> _BITS
-        index = (places & _INDEX).reshape(tuple(sizes))
+        source = first >> BITS
+        index = (places & INDEX).reshape(tuple(sizes))
         strides = _strides(index)
-        name = None if strides is not None else self.table(index.astype(np.int64))
+        name = None if strides is not None else self.table(index.astype(np.uint32))
         found = self.sources[source]
 
         def read(variables):
@@ -245,10 +245,10 @@ class _Writer:
 
     # Code
 
-    def loads(self, dtypes, results):
+    def loads(self, results):
         """Arguments that each state has its own of, as nodes without operands."""
         used = {s for node in self.nodes for s in _used(node)}
-        used |= {int(p) >> _BITS for places, _ in results for p in places.reshape(-1) if p >= 0}
+        used |= {int(p) >> BITS for places, _ in results for p in places.reshape(-1) if p >= 0}
         return [
             [_Load(s)] for s, source in enumerate(self.sources) if source.of >= 0 and not source.shared and s in used
         ]
@@ -262,7 +262,7 @@ class _Writer:
         value = f"-({value})" if dtype.kind == "b" else value
         target = "((R *)w)" if source.kind == "f" else "((N *)w)"
         return [
-            f"for (int l = 0; l < LANES; l++) {{",
+            "for (int l = 0; l < LANES; l++) {",
             f"    const {kind} *a = (const {kind} *)in[{source.of}] + (begin + (l < count ? l : 0)) * {source.size};",
             f"    for (int e = 0; e < {source.size}; e++) {target}[({self.offsets[s]} + e) * LANES + l] = {value};",
             "}",
@@ -272,7 +272,9 @@ class _Writer:
         for s, source in enumerate(self.sources):
             if source.of == k and s in self.offsets and source.shared:
                 kind = _c_type(dtype)
-                value = f"-(((const {kind} *)in[{k}])[e] != 0)" if dtype.kind == "b" else f"((const {kind} *)in[{k}])[e]"
+                value = (
+                    f"-(((const {kind} *)in[{k}])[e] != 0)" if dtype.kind == "b" else f"((const {kind} *)in[{k}])[e]"
+                )
                 target = "u" if source.kind == "f" else "((N *)u)"
                 return [f"for (int e = 0; e < {source.size}; e++) {target}[{self.offsets[s]} + e] = {value};"]
         return []
@@ -315,7 +317,7 @@ class _Writer:
         own = {n.out for n in group}
         shape = group[0].shape
         reads = [p for n in group for p in n.places if not (_sources(p) & own)]
-        sizes = _merged(shape, [p & _INDEX for p in reads if p.flat[0] >= 0 and _strides(p & _INDEX) is not None])
+        sizes = _merged(shape, [p & INDEX for p in reads if p.flat[0] >= 0 and _strides(p & INDEX) is not None])
         variables = [f"i{k}" for k in range(len(sizes))]
         flat = _affine(0, _row_major(sizes), variables)
         lines, inside = _heads(variables, sizes), []
@@ -334,7 +336,7 @@ class _Writer:
     def copy(self, node) -> list[str]:
         flat, out = node.places[0].reshape(-1), self.sources[node.out]
         lines, start = [], 0
-        keys = [(-1, int(p)) if p < 0 else (int(p) >> _BITS, 0) for p in flat]
+        keys = [(-1, int(p)) if p < 0 else (int(p) >> BITS, 0) for p in flat]
         while start < len(flat):
             end = start
             while end < len(flat) and keys[end] == keys[start]:
@@ -447,7 +449,7 @@ class _Load:
 
 
 def _sources(places: np.ndarray) -> set[int]:
-    return {int(s) for s in np.unique(places[places >= 0] >> _BITS)}
+    return {int(s) for s in np.unique(places[places >= 0] >> BITS)}
 
 
 def _used(node) -> set[int]:

@@ -13,7 +13,7 @@ import platform
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -31,7 +31,16 @@ from ._switch import is_on
 
 _in_lanes_p = Primitive("in_lanes")
 _in_lanes_p.multiple_results = True
-_FLAGS = "-std=gnu11 -O1 -march=native -fPIC -shared -fno-math-errno -fno-trapping-math -fno-strict-aliasing".split()
+_FLAGS = [
+    "-std=gnu11",
+    "-O1",
+    "-march=native",
+    "-fPIC",
+    "-shared",
+    "-fno-math-errno",
+    "-fno-trapping-math",
+    "-fno-strict-aliasing",
+]
 _FEWEST = 4  # states from which on lanes are worth it
 
 
@@ -126,7 +135,9 @@ def _compiled(text: str) -> Path:
     compiler, version = _compiler()
     here = Path(__file__).parent
     headers = "".join((here / name).read_text() for name in ("lanes.h", "ffi.h"))
-    key = hashlib.sha256("\0".join((text, headers, *_FLAGS, version, _processor(), jax.__version__)).encode()).hexdigest()[:32]
+    key = hashlib.sha256(
+        "\0".join((text, headers, *_FLAGS, version, _processor(), jax.__version__)).encode()
+    ).hexdigest()[:32]
     folder = Path(os.environ.get("JAXRMP_CACHE") or Path.home() / ".cache" / "jaxrmp")
     library = folder / f"{key}.so"
     if library.exists():

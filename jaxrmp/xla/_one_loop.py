@@ -89,7 +89,9 @@ def bound(primitive: Primitive, function: Callable, arguments: Sequence[Any], **
 
 def _name_of(function: Callable, arguments: Sequence[Any]) -> str:
     """As its code names it; a method by the class of what it belongs to."""
-    names = function.__qualname__.replace("<locals>.", "").split(".")
+    while isinstance(function, functools.partial):
+        function = function.func
+    names = getattr(function, "__qualname__", type(function).__name__).replace("<locals>.", "").split(".")
     if len(names) == 2 and arguments and hasattr(type(arguments[0]), names[1]):
         names[0] = type(arguments[0]).__name__
     return ".".join(names)
