@@ -133,7 +133,7 @@ class _Program(Builder):
 
     # What Builder asks for
 
-    def step(self, step) -> int:
+    def step(self, step: Any) -> int:
         key = (step[:2], tuple(x if isinstance(x, int) else x.tobytes() for x in step.operands), step.dtype)
         if key not in self._places:
             self.single_steps += 1
@@ -321,7 +321,7 @@ class _Program(Builder):
         most = max(map(len, terms), default=0)
         if most > 2 or min(map(len, terms), default=0) < most or not most:
             return None
-        total = None
+        total: Any = None
         for t in range(most):
             chosen = [row[t] for row in terms]
             part = A[0][:, chosen]
@@ -388,8 +388,8 @@ def _supported(name: str, dtype: Any) -> str:
     return name
 
 
-def c_program(closed: ClosedJaxpr, mapped: Sequence[bool], name: str) -> CProgram:
-    """The C function `name(const void **in, void **out, long first, long last)` of a function, for states in that range.
+def c_program(closed: ClosedJaxpr, mapped: Sequence[bool], name: str = "program") -> CProgram:
+    """A function as C: `name(const void **in, void **out, long first, long last)`, for states in that range.
 
     **Arguments**: `closed`, the function of one state; `mapped`, which of its arguments each state has its own of: in
     memory, they have a leading axis of states, as all results do.

@@ -1,4 +1,4 @@
-"""The text of a C program: the order of its nodes, which loops are one, where arrays are kept, and how all is written."""
+"""The text of a C program: the order of its nodes, which loops are one, where arrays are kept, how all is written."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -61,7 +61,8 @@ class _Writer:
             *self.table_lines,
             "",
             f"int {name}(const void **in, void **out, long first, long last) {{",
-            f"    char *memory = aligned_alloc(64, ({size + 2} * sizeof(V) + {shared_size + 1} * sizeof(R) + 63) / 64 * 64);",
+            f"    size_t bytes = {size + 2} * sizeof(V) + {shared_size + 1} * sizeof(R);",
+            "    char *memory = aligned_alloc(64, (bytes + 63) / 64 * 64);",
             "    if (!memory) return 1;",
             f"    V *w = (V *)memory; R *u = (R *)(w + {size + 1}); (void)w; (void)u; (void)in;",
             *(f"    {line}" for line in once),
@@ -481,8 +482,8 @@ def _row_major(sizes: Sequence[int]) -> list[int]:
 
 def _merged(shape: Sequence[int], indices: Sequence[np.ndarray]) -> list[int]:
     """The sizes of as few loops as run over all of the operands."""
-    strides = [_strides(index.reshape(tuple(shape))) for index in indices]
-    sizes, steps = [shape[0]], [[s[0]] for s in strides if s]
+    strides: list[Any] = [_strides(index.reshape(tuple(shape))) for index in indices]
+    sizes, steps = [shape[0]], [[s[0]] for s in strides]
     for axis in range(1, len(shape)):
         size = shape[axis]
         together = all(

@@ -29,23 +29,14 @@ from ._plan import logger
 from ._scalar_program import NotScalar
 from ._switch import is_on
 
-_in_lanes_p = Primitive("in_lanes")
-_in_lanes_p.multiple_results = True
-_FLAGS = [
-    "-std=gnu11",
-    "-O1",
-    "-march=native",
-    "-fPIC",
-    "-shared",
-    "-fno-math-errno",
-    "-fno-trapping-math",
-    "-fno-strict-aliasing",
-]
+in_lanes_p = Primitive("in_lanes")
+in_lanes_p.multiple_results = True
+_FLAGS = "-std=gnu11 -O1 -march=native -fPIC -shared -fno-math-errno -fno-trapping-math -fno-strict-aliasing"
 _FEWEST = 4  # states from which on lanes are worth it
 
 
 class Native(NamedTuple):
-    """`target`, the name of a foreign function, or None for a `reason`; `constants`, its arguments behind the others."""
+    """`target`, a foreign function's name, or None for a `reason`; `constants`, its arguments behind the others."""
 
     target: str | None
     reason: str
@@ -64,7 +55,7 @@ def in_lanes(function: Callable[..., Any]) -> Callable[..., Any]:
     def laned(*arguments):
         if not is_on():
             return function(*arguments)
-        return bound(_in_lanes_p, function, arguments, places=None, size=0)
+        return bound(in_lanes_p, function, arguments, places=None, size=0)
 
     return laned
 
@@ -83,7 +74,7 @@ def _batch(values, dimensions, *, jaxpr, places, size, name):
         mapped = functools.partial(_mapped, jaxpr=jaxpr, places=places)
         return jax.vmap(mapped, in_axes=dimensions)(*values), [0] * len(jaxpr.out_avals)
     size = next(v.shape[d] for v, d in zip(values, dimensions, strict=True) if d is not None)
-    found = _in_lanes_p.bind(*values, jaxpr=jaxpr, places=tuple(dimensions), size=size, name=name)
+    found = in_lanes_p.bind(*values, jaxpr=jaxpr, places=tuple(dimensions), size=size, name=name)
     return found, [0] * len(found)
 
 
@@ -111,7 +102,7 @@ def _called(*values, native, places, size, results):
 def native_of(jaxpr: ClosedJaxpr, mapped: tuple[bool, ...], name: str) -> Native:
     """The C program for a batch of a function, compiled and known to XLA, or why there is none."""
     try:
-        program = c_program(jaxpr, mapped, "program")
+        program = c_program(jaxpr, mapped)
         library = _compiled(program.text)
     except NotScalar as error:
         logger.info("%s is not written in C: %s", name, error)
@@ -135,9 +126,8 @@ def _compiled(text: str) -> Path:
     compiler, version = _compiler()
     here = Path(__file__).parent
     headers = "".join((here / name).read_text() for name in ("lanes.h", "ffi.h"))
-    key = hashlib.sha256(
-        "\0".join((text, headers, *_FLAGS, version, _processor(), jax.__version__)).encode()
-    ).hexdigest()[:32]
+    told = "\0".join((text, headers, _FLAGS, version, _processor(), jax.__version__))
+    key = hashlib.sha256(told.encode()).hexdigest()[:32]
     folder = Path(os.environ.get("JAXRMP_CACHE") or Path.home() / ".cache" / "jaxrmp")
     library = folder / f"{key}.so"
     if library.exists():
@@ -148,7 +138,7 @@ def _compiled(text: str) -> Path:
         source.write_text(f'{text}\n#define PROGRAM program\n#include "ffi.h"\n')
         mathematics = ["-lmvec", "-lm"] if platform.machine() == "x86_64" and platform.system() == "Linux" else ["-lm"]
         include = [f"-I{here}", f"-I{jax.ffi.include_dir()}"]
-        command = [compiler, *_FLAGS, *include, str(source), "-o", str(Path(made, "program.so")), *mathematics]
+        command = [compiler, *_FLAGS.split(), *include, str(source), "-o", str(Path(made, "program.so")), *mathematics]
         ran = subprocess.run(command, capture_output=True, text=True, check=False)
         if ran.returncode:
             raise OSError(f"{' '.join(command[:3])} ...: {ran.stderr.strip()[-300:]}")
@@ -173,9 +163,9 @@ def _processor() -> str:
         return f"{platform.machine()} {platform.processor()}"
 
 
-_in_lanes_p.def_impl(_mapped)
-_in_lanes_p.def_abstract_eval(_shapes)
-batching.primitive_batchers[_in_lanes_p] = _batch
-ad.primitive_jvps[_in_lanes_p] = _push
-mlir.register_lowering(_in_lanes_p, mlir.lower_fun(_mapped, multiple_results=True))
-mlir.register_lowering(_in_lanes_p, _lower_on_cpu, platform="cpu")
+in_lanes_p.def_impl(_mapped)
+in_lanes_p.def_abstract_eval(_shapes)
+batching.primitive_batchers[in_lanes_p] = _batch
+ad.primitive_jvps[in_lanes_p] = _push
+mlir.register_lowering(in_lanes_p, mlir.lower_fun(_mapped, multiple_results=True))
+mlir.register_lowering(in_lanes_p, _lower_on_cpu, platform="cpu")

@@ -1,5 +1,6 @@
 """What a batch of a function is taken apart into, and why the rest is not."""
 
+import functools
 from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
@@ -7,15 +8,18 @@ import jax
 import numpy as np
 from jax.extend.core import ClosedJaxpr, Jaxpr
 
+from ._c_program import c_program
+from ._lanes import in_lanes_p
 from ._one_loop import one_loop_p, plan_of
+from ._scalar_program import NotScalar
 from ._switch import machinery
 
 
 class Part(NamedTuple):
-    """A part of a function that says `one_loop`, as it meets it on a CPU.
+    """A part of a function that says `one_loop` or `in_lanes`, as it meets it on a CPU.
 
-    `name`, as its code names it, with the class it belongs to; `taken_apart`, whether it becomes one loop;
-    `operations`, of how many scalar operations, 0 if it does not; `reason`, why it does not.
+    `name`, as its code names it, with the class it belongs to; `taken_apart`, whether it becomes one loop, or can be
+    written in C; `operations`, of how many scalar operations, 0 if it does not; `reason`, why it does not.
     """
 
     name: str
@@ -25,7 +29,7 @@ class Part(NamedTuple):
 
 
 def report(function: Any, *examples: Any, batch: int, in_axes: int | Sequence[Any] | None = 0) -> list[Part]:
-    """The parts of `function`, mapped over a batch, that say `one_loop`: which of them become one, and why not.
+    """The parts of `function`, mapped over a batch, that say `one_loop` or `in_lanes`: what becomes of them, and why.
 
     Nothing is compiled, the machinery counts as on, and the platform as a CPU. What stays outside of any part, is not
     listed; nor what derivatives make of it: they are taken of the mathematics as written.
@@ -54,6 +58,17 @@ def _many(example: Any, axis: int, batch: int) -> Any:
     return jax.tree.map(one, example)
 
 
+def _in_c(parameters: dict[str, Any]) -> Part:
+    places = parameters["places"]
+    if places is None:
+        return Part(parameters["name"], False, 0, "a single state")
+    try:
+        program = c_program(parameters["jaxpr"], tuple(place is not None for place in places))
+    except NotScalar as error:
+        return Part(parameters["name"], False, 0, str(error))
+    return Part(parameters["name"], True, program.operations, "")
+
+
 def _parts(jaxpr: Jaxpr) -> Iterator[Part]:
     for equation in jaxpr.eqns:
         parameters = equation.params
@@ -61,6 +76,14 @@ def _parts(jaxpr: Jaxpr) -> Iterator[Part]:
             plan = plan_of(parameters["jaxpr"], parameters["levels"], parameters["within"])
             operations = plan.program.operations * max(plan.along, 1) if plan.program else 0
             yield Part(parameters["name"], plan.program is not None, operations, plan.reason)
+            continue
+        if equation.primitive is in_lanes_p:
+            part = _in_c(parameters)
+            yield part
+            if part.taken_apart:  # as a whole
+                continue
+            mapped = functools.partial(in_lanes_p.impl, **parameters)
+            yield from _parts(jax.make_jaxpr(mapped)(*(v.aval for v in equation.invars)).jaxpr)
         else:
             for value in parameters.values():
                 for inner in value if isinstance(value, tuple | list) else (value,):

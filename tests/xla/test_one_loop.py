@@ -1,12 +1,14 @@
 """Functions taken apart into scalars give what they give state by state, and what cannot be taken apart is mapped."""
 
+import shutil
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from jax import lax
 
-from jaxrmp.xla import one_loop
+from jaxrmp.xla import in_lanes, one_loop, report
 from jaxrmp.xla._scalar_program import NotScalar, scalar_program
 
 STATES = 100
@@ -53,6 +55,23 @@ def test_same_as_state_by_state(name, x64):
     x = RNG.uniform(-2, 2, (STATES, 4))
     taken_apart(function, x[0])
     assert_same(jax.jit(jax.vmap(one_loop(function)))(x), by_states(function, x))
+
+
+@pytest.mark.skipif(not shutil.which("cc"), reason="needs a C compiler")
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+@pytest.mark.parametrize("name", [*ELEMENTWISE, *ARRAYS])
+def test_the_same_written_in_c(name, dtype):
+    with jax.enable_x64(dtype == np.float64):
+        rtol = 3e-6 if dtype == np.float32 else 1e-12
+        function = {**ELEMENTWISE, **ARRAYS}[name]
+        for size in (4, 30) if name in ELEMENTWISE else (4,):  # entry by entry, and as loops
+            x = RNG.uniform(-2, 2, (37, size)).astype(dtype)
+            (part,) = report(in_lanes(function), x[0], batch=37)
+            assert part.taken_apart, part.reason
+            found, expected = (jax.jit(jax.vmap(f))(x) for f in (in_lanes(function), function))
+            for a, b in zip(jax.tree.leaves(found), jax.tree.leaves(expected), strict=True):
+                assert a.dtype == b.dtype
+                np.testing.assert_allclose(a, b, rtol=rtol, atol=rtol * 10)
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float16])

@@ -33,7 +33,7 @@ from jaxrmp.leaves import (
 from jaxrmp.simulation import Held
 from jaxrmp.viewer._push import Push
 from jaxrmp.world import Boxes, CapsuleDistances, ObstacleDistances, SelfDistances, Spheres, World
-from jaxrmp.xla import machinery, report
+from jaxrmp.xla import in_lanes, machinery, report
 from jaxrmp.xla._plan import FEWEST
 
 MANY = FEWEST + 2  # states, a number that is no power of two
@@ -141,7 +141,12 @@ def slopes(function, *states):
     return jax.jvp(lambda x: function(*others, x, xd), (x,), (jax.tree.map(lambda x: jnp.cos(3 * x), x),))[1]
 
 
-WHAT = pytest.mark.parametrize("of", [values, slopes])
+def lanes(function, *states):
+    """By C, where there is a compiler."""
+    return in_lanes(function)(*states)
+
+
+WHAT = pytest.mark.parametrize("of", [values, slopes, lanes])
 
 
 def both(function, *states, in_axes=0):
