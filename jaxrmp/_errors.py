@@ -1,7 +1,8 @@
 """What can go wrong, as types. Every message names the argument, shows what was received and says what to do."""
 
+import contextlib
 import difflib
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 
 
 class JaxrmpError(Exception):
@@ -72,3 +73,12 @@ class MissingDependencyError(JaxrmpError, ImportError):
 
     def __init__(self, package: str, extra: str):
         super().__init__(f"{package} is needed for this and is not installed: pip install 'jaxrmp[{extra}]'.")
+
+
+@contextlib.contextmanager
+def importing(package: str, extra: str) -> Iterator[None]:
+    """Around the imports of an optional package. **Raises** `MissingDependencyError` if it is not installed."""
+    try:
+        yield
+    except ImportError as error:
+        raise MissingDependencyError(package, extra) from error

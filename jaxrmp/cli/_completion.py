@@ -2,7 +2,7 @@
 
 import argparse
 
-from .._errors import MissingDependencyError
+from .._errors import importing
 from ..scenes import SCENES
 from ._parser import TASKS, build_parser
 
@@ -18,10 +18,8 @@ def script(shell: str) -> str:
 
     **Raises** `MissingDependencyError` without shtab.
     """
-    try:
+    with importing("shtab", "learning"):
         import shtab
-    except ImportError as error:
-        raise MissingDependencyError("shtab", "learning") from error
     parser = build_parser()
     (commands,) = (action for action in parser._actions if isinstance(action, argparse._SubParsersAction))
     for listed in commands._choices_actions:

@@ -2,13 +2,11 @@
 
 from typing import Any
 
-from .._errors import MissingDependencyError
+from .._errors import importing
 
 
 def import_mujoco() -> Any:
     """The module. **Raises** `MissingDependencyError` if it is not installed."""
-    try:
+    with importing("mujoco", "robots"):
         import mujoco
-    except ImportError as error:
-        raise MissingDependencyError("mujoco", "robots") from error
     return mujoco

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .._errors import MissingDependencyError
+from .._errors import importing
 from .._rotations import rotation_of_quaternion
 from ..kinematics._mujoco import import_mujoco
 
@@ -59,10 +59,8 @@ def _colour(model: Any, g: int) -> tuple[float, float, float, float]:
 
 def _triangles(model: Any, g: int) -> tuple[np.ndarray, np.ndarray, bool] | None:
     """Vertices and faces of one geometry in its own frame, and whether it has edges; None for kinds without."""
-    try:
+    with importing("trimesh", "viewer"):
         from trimesh import creation
-    except ImportError as error:
-        raise MissingDependencyError("trimesh", "viewer") from error
     kinds = import_mujoco().mjtGeom
     kind, (a, b, c) = kinds(model.geom_type[g]), (float(v) for v in model.geom_size[g])
     if kind == kinds.mjGEOM_MESH:

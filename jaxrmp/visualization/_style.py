@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from .._errors import MissingDependencyError
+from .._errors import importing
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -22,10 +22,8 @@ def new_figure(width: float, height: float) -> "Figure":
 
     **Raises** `MissingDependencyError` without matplotlib.
     """
-    try:
+    with importing("matplotlib", "plots"):
         from matplotlib.figure import Figure
-    except ImportError as error:
-        raise MissingDependencyError("matplotlib", "plots") from error
     figure = Figure(figsize=(width, height), layout="constrained")
     figure.get_layout_engine().set(w_pad=0.08, h_pad=0.08)  # type: ignore[union-attr]
     return figure
