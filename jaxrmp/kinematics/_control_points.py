@@ -9,7 +9,7 @@ import numpy as np
 
 from .._errors import ShapeError
 from .._forms import NaturalForm
-from .._pytree import pytree, set_field, static
+from .._pytree import as_floats, pytree, set_field, static
 from .._task_map import Pushforward, TaskMap, Transport
 from ..xla import concatenated, one_loop
 from ._forward import configuration
@@ -64,8 +64,7 @@ class ControlPoints(TaskMap):
             self.robot.frame_index(name)
         offsets: Any = self.offsets
         if offsets is not None:
-            if not isinstance(offsets, jax.Array):
-                offsets = np.asarray(offsets, dtype=float)
+            offsets = as_floats(offsets)
             if offsets.ndim == 2 and not several:
                 frames *= offsets.shape[0]
             if offsets.shape != (len(frames), 3):

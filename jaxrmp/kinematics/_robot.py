@@ -9,7 +9,7 @@ import jax
 import numpy as np
 
 from .._errors import ShapeError, UnknownNameError
-from .._pytree import pytree, set_field, static
+from .._pytree import as_floats, pytree, set_field, static
 
 Vector = tuple[float, float, float]
 Rotation = tuple[float, float, float, float, float, float, float, float, float]
@@ -140,10 +140,8 @@ class Robot:
 
     def __post_init__(self):
         for name in ("lower", "upper", "velocity_limit"):
-            value = getattr(self, name)
-            if not isinstance(value, jax.Array):
-                value = np.asarray(value, dtype=float)
-                set_field(self, name, value)
+            value = as_floats(getattr(self, name))
+            set_field(self, name, value)
             if value.shape != (self.num_joints,):
                 raise ShapeError(f"{name} has shape {value.shape}, expected ({self.num_joints},): one per joint.")
 

@@ -2,7 +2,7 @@
 
 import functools
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -161,20 +161,17 @@ def cover_model(m, max_error, only, source) -> RobotSpheres:
 
 
 def _cover_geometry(m, g: int, max_error: float) -> Any:
-    mujoco = import_mujoco()
-    kind, size = mujoco.mjtGeom(m.geom_type[g]), m.geom_size[g]
-    if kind == mujoco.mjtGeom.mjGEOM_SPHERE:
-        return cover_capsule(size[0], 0.0, max_error)
-    if kind == mujoco.mjtGeom.mjGEOM_CAPSULE:
-        return cover_capsule(size[0], size[1], max_error)
-    if kind == mujoco.mjtGeom.mjGEOM_BOX:
-        return cover_box(size, max_error)
-    if kind == mujoco.mjtGeom.mjGEOM_CYLINDER:
-        return cover_cylinder(size[0], size[1], max_error)
-    if kind == mujoco.mjtGeom.mjGEOM_ELLIPSOID:
-        return cover_ellipsoid(size, max_error)
-    if kind == mujoco.mjtGeom.mjGEOM_MESH:
-        mesh = m.geom_dataid[g]
+    kinds, (a, b, _) = import_mujoco().mjtGeom, m.geom_size[g]
+    kind, mesh = kinds(m.geom_type[g]), m.geom_dataid[g]
+    if kind == kinds.mjGEOM_MESH:
         first = m.mesh_vertadr[mesh]
         return cover_convex_hull(m.mesh_vert[first : first + m.mesh_vertnum[mesh]].astype(float), max_error)
-    return None
+    covers: dict[Any, tuple[Callable, tuple]] = {
+        kinds.mjGEOM_SPHERE: (cover_capsule, (a, 0.0)),
+        kinds.mjGEOM_CAPSULE: (cover_capsule, (a, b)),
+        kinds.mjGEOM_BOX: (cover_box, (m.geom_size[g],)),
+        kinds.mjGEOM_CYLINDER: (cover_cylinder, (a, b)),
+        kinds.mjGEOM_ELLIPSOID: (cover_ellipsoid, (m.geom_size[g],)),
+    }
+    cover, sizes = covers.get(kind, (None, ()))
+    return cover and cover(*sizes, max_error)
