@@ -51,7 +51,7 @@ class Frame(NamedTuple):
     rotation: Rotation
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
+@dataclasses.dataclass(frozen=True, repr=False)
 class KinematicModel:
     """The structure of a robot, as hashable Python numbers: JAX compiles it into the program.
 
@@ -63,7 +63,8 @@ class KinematicModel:
     bodies: tuple[Body, ...]
     joints: tuple[Joint, ...]
     frames: tuple[Frame, ...]
-    source: str | None = None  # the file it was read from, where its geometry is; no part of what makes models equal
+    # The file it was read from, where its geometry is; no part of what makes models equal.
+    source: str | None = dataclasses.field(default=None, compare=False)
 
     @functools.cached_property
     def fingerprint(self) -> str:
@@ -94,22 +95,11 @@ class KinematicModel:
         return tuple(reversed(chain))
 
     @functools.cached_property
-    def _content(self):
-        return self.name, self.joint_names, self.bodies, self.joints, self.frames
-
-    @functools.cached_property
     def _hash(self) -> int:
         return int(self.fingerprint, 16)
 
     def __hash__(self) -> int:
         return self._hash
-
-    def __eq__(self, other: object) -> bool:
-        if self is other:
-            return True
-        if not isinstance(other, KinematicModel):
-            return NotImplemented
-        return self._hash == other._hash and self._content == other._content
 
     def __repr__(self) -> str:
         return f"KinematicModel({self.name!r}, {len(self.bodies)} bodies, {len(self.joints)} joints)"
