@@ -12,7 +12,7 @@ from .._errors import ConfigurationError, RolloutError
 from .._files import atomic_write
 from ._engines import again_with_fast_xla, engine_of, needs_fast_xla
 from ._output import made_by, progress_bar, write_json
-from ._processes import joined, spawn
+from ._processes import spawn
 
 
 def run(arguments: argparse.Namespace, rest: list[str]) -> None:
@@ -20,8 +20,7 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
         spawn(arguments.processes, arguments.command_line)
         return
     if needs_fast_xla(arguments):
-        if code := again_with_fast_xla(arguments.command_line):
-            raise RolloutError(f"the child process ended with exit code {code}; see above.")
+        again_with_fast_xla(arguments.command_line)
         return
     _prepare_jax(arguments)
     import jax
@@ -129,7 +128,11 @@ def _prepare_jax(arguments: argparse.Namespace) -> None:
         except RuntimeError as error:
             raise ConfigurationError(f"--devices cannot be set once JAX is in use: {error}") from error
     if arguments.process is not None:
-        joined(arguments.coordinator, arguments.processes, arguments.process)
+        from ..evaluation import join_processes
+
+        if arguments.coordinator is None:
+            raise ConfigurationError("--process needs --coordinator HOST:PORT, the same for all processes.")
+        join_processes(arguments.coordinator, arguments.processes, arguments.process)
 
 
 def _save_ends(evaluation: Any, path: Path) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 
 from .._errors import ConfigurationError, ShapeError
 from ..simulation import Problem
+from ._ends import by_blocks
 
 _BLOCK = 1024  # draws at a time; part of what a seed means
 _DRAWS = 200  # blocks in a row without a free configuration until giving up
@@ -67,9 +68,7 @@ def check_starts(problem: Problem, starts: np.ndarray) -> np.ndarray:
         raise ConfigurationError(
             f"start {i} (and {outside.sum() - 1} more) is outside the joint limits: {np.round(starts[i], 4).tolist()}."
         )
-    clearance = np.concatenate(
-        [_clearances(problem, block) for block in np.array_split(starts, -(-len(starts) // 1024))]
-    )
+    clearance = _clearances(problem, starts)
     if (clearance <= 0).any():
         i = int(np.argmin(clearance))
         raise ConfigurationError(
@@ -100,8 +99,7 @@ def _free(problem: Problem, count: int, draw: Callable[[np.random.Generator], np
 def _clearances(problem: Problem, q: np.ndarray) -> np.ndarray:
     if not problem.distances:
         return np.full(len(q), np.inf)
-    padded = np.concatenate([q, np.repeat(q[:1], _BLOCK - len(q), axis=0)])  # one shape, one program
-    return np.asarray(_compiled_clearances(problem, padded))[: len(q)]
+    return by_blocks(lambda block: (_compiled_clearances(problem, block),), q, _BLOCK)[0]
 
 
 @jax.jit
