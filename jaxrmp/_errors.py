@@ -2,7 +2,7 @@
 
 import contextlib
 import difflib
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 
 
 class JaxrmpError(Exception):
@@ -26,6 +26,12 @@ class UnknownNameError(JaxrmpError, ValueError):
         message += f" Valid: {shown or 'none'}."
         super().__init__(message + (f" {hint}" if hint else ""))
         self.kind, self.name, self.valid = kind, name, tuple(options)
+
+    @classmethod
+    def check(cls, kind: str, name: object, valid: Collection[object], hint: str = "") -> None:
+        """**Raises** it if `name`, of some `kind`, is not among the `valid` ones; a `hint` says more."""
+        if name not in valid:
+            raise cls(kind, name, valid, hint)
 
 
 class LeafError(JaxrmpError, TypeError):

@@ -179,17 +179,14 @@ class Robot:
 
     def frame_index(self, name: str) -> int:
         """Index of the frame called `name`. **Raises** `UnknownNameError`."""
-        index = self.model.frame_of_name.get(name)
-        if index is None:
-            raise UnknownNameError("frame", name, self.frame_names)
-        return index
+        UnknownNameError.check("frame", name, self.model.frame_of_name)
+        return self.model.frame_of_name[name]
 
     def joint_index(self, name: str) -> int:
         """Coordinate of the independent joint called `name`. **Raises** `UnknownNameError`."""
-        if name not in self.joint_names:
-            dependent = [j for j in self.model.joints if j.name == name]
-            hint = "" if not dependent else "This joint is locked or follows another one, so it has no coordinate."
-            raise UnknownNameError("joint", name, self.joint_names, hint)
+        dependent = any(j.name == name for j in self.model.joints)
+        hint = "This joint is locked or follows another one, so it has no coordinate." if dependent else ""
+        UnknownNameError.check("joint", name, self.joint_names, hint)
         return self.joint_names.index(name)
 
     def __repr__(self) -> str:

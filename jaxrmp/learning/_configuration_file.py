@@ -53,8 +53,7 @@ class _Named(dict):
         super().__init__({str(table.get("name")): table for table in tables})
 
     def setdefault(self, key, default=None):
-        if key not in self:
-            raise UnknownNameError("subtask", key, self)
+        UnknownNameError.check("subtask", key, self)
         return self[key]
 
 
@@ -72,13 +71,12 @@ def _build(kind: Any, value: Any, where: str) -> Any:
         types_of = typing.get_type_hints(kind)
         known = [f.name for f in dataclasses.fields(kind)]
         for key in value:
-            if key not in known:
-                raise UnknownNameError(f"configuration key in {where or 'the configuration'}", key, known)
+            UnknownNameError.check(f"configuration key in {where or 'the configuration'}", key, known)
+        prefix = f"{where}." if where else ""
         for f in dataclasses.fields(kind):
             required = f.default is dataclasses.MISSING and f.default_factory is dataclasses.MISSING
             if required and f.name not in value:
-                raise ConfigurationError(f"{where + '.' if where else ''}{f.name} is missing.")
-        prefix = f"{where}." if where else ""
+                raise ConfigurationError(f"{prefix}{f.name} is missing.")
         return kind(**{key: _build(types_of[key], v, prefix + key) for key, v in value.items()})  # type: ignore[operator]
     if origin is tuple and isinstance(value, list | tuple):
         if arguments[-1] is not Ellipsis and len(value) != len(arguments):

@@ -101,8 +101,7 @@ def initial_cholesky_factor(
 
     `key` draws the weights; the rest as `CholeskyFactor`. **Raises** `UnknownNameError` for another activation.
     """
-    if activation not in ACTIVATIONS:
-        raise UnknownNameError("activation", activation, ACTIVATIONS)
+    UnknownNameError.check("activation", activation, ACTIVATIONS)
     network = CholeskyNetwork(dimension, tuple(hidden), activation, offset)
     weights = network.init(key, jnp.zeros(dimension))["params"]
     return CholeskyFactor(weights, jnp.asarray(length_scale), support, dimension, tuple(hidden), activation, offset)

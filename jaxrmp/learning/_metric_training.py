@@ -77,8 +77,7 @@ def train_metrics(
 
     Rana et al. 2019, section 3.2.
     """
-    if loss not in LOSSES:
-        raise UnknownNameError("loss", loss, LOSSES)
+    UnknownNameError.check("loss", loss, LOSSES)
     if updates < 1:
         raise ConfigurationError(f"updates is {updates!r}, expected at least 1.")
     K = x.shape[0]

@@ -39,8 +39,7 @@ class PreprocessingSettings:
     min_motion: Positive[float] = 0.02
 
     def __post_init__(self):
-        if self.resample not in get_args(Resampling):
-            raise UnknownNameError("resampling", self.resample, get_args(Resampling))
+        UnknownNameError.check("resampling", self.resample, get_args(Resampling))
         if self.samples < 4:
             raise ConfigurationError(f"samples is {self.samples!r}, expected at least 4.")
         if not 1 <= self.filter_order < self.window_samples:

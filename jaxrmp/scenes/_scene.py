@@ -307,8 +307,7 @@ class Scene:
         mujoco, m = import_mujoco(), self.model
         there = [m.joint(j).name for j in range(m.njnt)]
         for name in (*self.robot.joint_names, *([self.joint] if self.joint else ())):
-            if name not in there:
-                raise UnknownNameError(f"joint of scene {self.name!r}", name, there)
+            UnknownNameError.check(f"joint of scene {self.name!r}", name, there)
         for joint in self.robot.model.joints:
             if joint.coordinate < 0 and joint.name in there:
                 raise RobotError(
@@ -326,14 +325,12 @@ class Scene:
         bodies = [m.body(b).name for b in range(m.nbody)]
         if self.hand and not self._hand_is_site and self.hand not in bodies:
             raise UnknownNameError(f"hand of scene {self.name!r}", self.hand, self.robot.frame_names)
-        geoms = [m.geom(g).name for g in range(m.ngeom)]
+        geoms = [m.geom(g).name for g in range(m.ngeom) if m.geom(g).name]
         for name in self.may_touch:
-            if name not in geoms:
-                raise UnknownNameError(f"geometry of scene {self.name!r}", name, filter(None, geoms))
+            UnknownNameError.check(f"geometry of scene {self.name!r}", name, geoms)
         if not self.object:
             return
-        if self.object not in bodies:
-            raise UnknownNameError(f"object of scene {self.name!r}", self.object, bodies)
+        UnknownNameError.check(f"object of scene {self.name!r}", self.object, bodies)
         body = m.body(self.object)
         free = body.jntnum[0] == 1 and m.jnt_type[body.jntadr[0]] == mujoco.mjtJoint.mjJNT_FREE
         if body.mocapid[0] < 0 and not free:

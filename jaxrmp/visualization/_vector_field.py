@@ -25,8 +25,7 @@ def vector_field_figure(learning: Learning, subtask: int = 0) -> Figure:
     Rana et al. 2019, figures 1b and 1c.
     """
     names = learning.skill.subtasks
-    if subtask not in range(len(names)):
-        raise UnknownNameError("subtask index", subtask, range(len(names)))
+    UnknownNameError.check("subtask index", subtask, range(len(names)))
     learned = jax.tree.map(lambda a: a[subtask], learning.skill.learned)
     positions = learning.prepared.subtasks.positions[subtask]
     directions = learning.prepared.subtasks.directions[subtask]

@@ -59,8 +59,7 @@ class RobotSpheres:
         **Raises** `UnknownNameError` for a frame without spheres, `ConfigurationError` if none is left.
         """
         for name in frames:
-            if name not in self.frames:
-                raise UnknownNameError("frame with spheres", name, tuple(dict.fromkeys(self.frames)))
+            UnknownNameError.check("frame with spheres", name, tuple(dict.fromkeys(self.frames)))
         rows = [i for i, name in enumerate(self.frames) if name not in frames]
         if not rows:
             raise ConfigurationError(f"no sphere is left without those on {sorted(set(frames))}.")
