@@ -1,6 +1,7 @@
 """Configurations as TOML files and as plain data: read with every mistake named, and written back."""
 
 import dataclasses
+import json
 import tomllib
 import typing
 from collections.abc import Mapping
@@ -98,12 +99,4 @@ def _build(kind: Any, value: Any, where: str) -> Any:
 
 def configuration_to_dict(configuration: Configuration) -> dict[str, Any]:
     """`configuration` as dictionaries, lists, strings and numbers, for JSON; `configuration_from_dict` undoes it."""
-    return {f.name: _plain(getattr(configuration, f.name)) for f in dataclasses.fields(configuration)}
-
-
-def _plain(value: Any) -> Any:
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return {f.name: _plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
-    if isinstance(value, Mapping):
-        return {k: _plain(v) for k, v in value.items()}
-    return [_plain(v) for v in value] if isinstance(value, tuple | list) else value
+    return json.loads(json.dumps(configuration, default=lambda v: dict(v) if isinstance(v, Mapping) else vars(v)))
