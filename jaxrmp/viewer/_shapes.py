@@ -43,6 +43,13 @@ def shapes_of(model: Any, geoms: Iterable[int]) -> list[Shape]:
     return shapes
 
 
+def add_shape(scene: Any, name: str, shape: Shape, color: tuple[int, int, int] | None = None, **settings: Any) -> None:
+    """Put a shape on a page's `scene` as the node `name`, in its own colour unless another is given; no shadows."""
+    settings = {"flat_shading": shape.flat, "cast_shadow": False, "receive_shadow": False, **settings}
+    own = tuple(round(255 * v) for v in shape.rgba[:3])
+    scene.add_mesh_simple(name, shape.vertices, shape.faces, color=color or own, **settings)
+
+
 def seen(model: Any) -> list[int]:
     """The geometries of a robot that are there to be looked at: those that collide with nothing, such as visual meshes,
     if there are any on its links, else all."""

@@ -99,9 +99,3 @@ class Viewer(Session):
         if len(set(skill.frames)) == 1:
             name = f"/arm/{skill.frames[0]}/control_points"
             add_outline(server, name, np.asarray(skill.offsets, float), REPRODUCED)
-
-
-def control_points(skill: Skill, poses: dict[str, np.ndarray]) -> np.ndarray:
-    """Where the control points are [K, 3], m, given the poses [4, 4] of their frames."""
-    T = np.stack([poses[name] for name in skill.frames])
-    return np.einsum("kij,kj->ki", T[:, :3, :3], np.asarray(skill.offsets)) + T[:, :3, 3]
