@@ -128,7 +128,7 @@ class Scene:
         data = import_mujoco().MjData(self.model)
         self.place(data, self.T_world_object)
         if self.joint:
-            data.qpos[self.model.joint(self.joint).qposadr[0]] = self.start
+            data.joint(self.joint).qpos[0] = self.start
         return data
 
     def data(self, q: np.ndarray) -> Any:
@@ -172,15 +172,12 @@ class Scene:
 
     def hand_pose(self, data: Any) -> np.ndarray:
         """`T_world_hand` [4, 4] in `data`."""
-        if self._hand_is_site:
-            site = self.model.site(self.hand).id
-            return pose(data.site_xpos[site], data.site_xmat[site].reshape(3, 3))
-        body = self.model.body(self.hand).id
-        return pose(data.xpos[body], data.xmat[body].reshape(3, 3))
+        hand = data.site(self.hand) if self._hand_is_site else data.body(self.hand)
+        return pose(hand.xpos, hand.xmat.reshape(3, 3))
 
     def joint_position(self, data: Any) -> float:
         """Where the task's joint is in `data`, m or rad."""
-        return float(data.qpos[self.model.joint(self.joint).qposadr[0]])
+        return float(data.joint(self.joint).qpos[0])
 
     def contacts(self, data: Any) -> list[str]:
         """What the arm touches in `data` and must not, itself too, as "geometry of the arm's body - other geometry"."""

@@ -3,7 +3,6 @@
 import functools
 import os
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import Any
 
 import jax
@@ -14,7 +13,7 @@ from .._pytree import pytree, set_field, static
 from .._ranges import Finite, NonNegative, require_number
 from .._rotations import rotation_of_quaternion
 from ..kinematics import PANDA_MODEL, ControlPoints, Robot
-from ..kinematics._mujoco import import_mujoco
+from ..kinematics._mujoco import import_mujoco, read_spec
 from ._cover import cover_box, cover_capsule, cover_convex_hull, cover_cylinder, cover_ellipsoid
 
 
@@ -105,13 +104,9 @@ def spheres_from_model(
 
 def geometry_of_model(source: str | os.PathLike) -> Any:
     """The compiled MuJoCo model of a file, `source`, with all its bodies and geometry. **Raises** `RobotError`."""
-    mujoco = import_mujoco()
-    if not Path(source).is_file():
-        raise RobotError(f"{source}: there is no such file. Give the path of an MJCF or URDF file.")
+    spec = read_spec(source)
+    spec.compiler.fusestatic = spec.compiler.discardvisual = False
     try:
-        spec = mujoco.MjSpec.from_file(str(source))
-        spec.compiler.fusestatic = False
-        spec.compiler.discardvisual = False
         return spec.compile()
     except (OSError, ValueError) as error:
         raise RobotError(f"{source} cannot be read with its geometry: {error}") from error
