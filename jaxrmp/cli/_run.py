@@ -26,14 +26,8 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
     with progress_bar(arguments.quiet) as progress:
         progress("preparing", 0.0)
         prepared = learning.prepare(skill.configuration, scene.robot, demonstrations)
-        trials = simulation.sample_trials(
-            scene,
-            prepared.joints.q,
-            prepared.poses,
-            arguments.trials,
-            seed=arguments.seed,
-            displace=arguments.displace,
-        )
+        chance = {"seed": arguments.seed, "displace": arguments.displace}
+        trials = simulation.sample_trials(scene, prepared.joints.q, prepared.poses, arguments.trials, **chance)
         if arguments.trial is not None:
             if not 0 <= arguments.trial < len(trials):
                 raise ConfigurationError(f"--trial {arguments.trial}: there are trials 0 to {len(trials) - 1}.")
@@ -72,8 +66,7 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
                 figures = pictures_in(drawn) or _figures(result, prepared, reproduction)
                 run_page({**report, "settings": settings}, made, figures, page)
     print(outcome_table(report))
-    diverged = [t["trial"] for t in report["per_trial"] if t["diverged"]]
-    if diverged:
+    if diverged := [t["trial"] for t in report["per_trial"] if t["diverged"]]:
         message = f"{len(diverged)} of {len(trials)} trials diverged: {diverged}. Replay one with --trial K."
         print(f"jaxrmp: {message}", file=sys.stderr)
     failed = [t["trial"] for t in report["per_trial"] if not t["success"]]
@@ -101,17 +94,11 @@ def _figures(
 
 
 def _tracker(arguments: argparse.Namespace, skill: learning.Skill) -> simulation.TrackerSettings | None:
-    wanted = arguments.tracker == "on" or (
-        arguments.tracker == "auto" and (skill.configuration.object or arguments.displace)
-    )
-    if not wanted:
+    needed = arguments.tracker == "auto" and (skill.configuration.object or arguments.displace)
+    if arguments.tracker != "on" and not needed:
         return None
-    return simulation.TrackerSettings(
-        delay=arguments.tracker_delay,
-        dropouts=arguments.tracker_dropouts,
-        bias=arguments.tracker_bias,
-        silent_after=arguments.tracker_silent_after,
-    )
+    given = {name: getattr(arguments, f"tracker_{name}") for name in ("delay", "dropouts", "bias", "silent_after")}
+    return simulation.TrackerSettings(**given)
 
 
 def report_dict(result: simulation.Run, first: int = 0) -> dict[str, Any]:
@@ -126,12 +113,8 @@ def report_dict(result: simulation.Run, first: int = 0) -> dict[str, Any]:
         }
         for k, outcome in enumerate(result.outcomes)
     ]
-    return {
-        "scene": result.scene.name,
-        "trials": len(result.outcomes),
-        "successes": result.successes,
-        "per_trial": per_trial,
-    }
+    counts = {"trials": len(result.outcomes), "successes": result.successes}
+    return {"scene": result.scene.name, **counts, "per_trial": per_trial}
 
 
 def outcome_table(report: dict[str, Any]) -> str:
@@ -143,8 +126,7 @@ def outcome_table(report: dict[str, Any]) -> str:
             f"{trial['trial']:>5}{'yes' if trial['success'] else 'no':>9}{1000 * trial['final_error_m']:>10.1f}"
             f"{angle:>11}{1000 * trial['min_clearance_m']:>14.1f}{trial['time_s']:>8.1f}  {trial['reason']}"
         )
-    saturated = [t for t in report["per_trial"] if t["saturated"] > 0]
-    if saturated:
+    if saturated := [t for t in report["per_trial"] if t["saturated"] > 0]:
         worst = max(saturated, key=lambda t: t["saturated"])
         joints = sorted({joint for t in saturated for joint in t["saturated_joints"]})
         lines.append(

@@ -52,18 +52,10 @@ def classify_ends(problem: Problem, limits: Node | None, outcomes: Outcomes) -> 
     return Ends(kind, *errors, limit_force, residual, margin)
 
 
-class ControlPointErrors(NamedTuple):
-    """Of N configurations: `points`, `hand` and `error`, as in `Ends`."""
-
-    points: np.ndarray
-    hand: np.ndarray
-    error: np.ndarray
-
-
-def control_point_errors(problem: Problem, q: np.ndarray) -> ControlPointErrors:
-    """Where the control points are at N configurations [N, n]."""
+def control_point_errors(problem: Problem, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Where the control points are at N configurations [N, n]: `points`, `hand` and `error`, as in `Ends`."""
     points, hand = by_blocks(lambda block: _points(problem, block), q)
-    return ControlPointErrors(points, hand, np.linalg.norm(points, axis=-1).max(-1))
+    return points, hand, np.linalg.norm(points, axis=-1).max(-1)
 
 
 def by_blocks(compute: Callable[[np.ndarray], tuple], q: np.ndarray, size: int = 256) -> tuple[np.ndarray, ...]:

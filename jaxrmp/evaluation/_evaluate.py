@@ -118,13 +118,13 @@ def _judged(
     **found: Any,
 ) -> Evaluation:
     """What came of rollouts, with the certificate's `residual` and `growth` that were found on the way."""
-    at_start = control_point_errors(problem, starts)
+    _, hand, error = control_point_errors(problem, starts)
     return Evaluation(
         starts=starts,
         outcomes=outcomes,
         ends=classify_ends(problem, limits, outcomes),
-        start_error=at_start.error,
-        start_hand=at_start.hand,
+        start_error=error,
+        start_hand=hand,
         uncertified=CertificateWatch(problem, 0).uncertified,
         engine=engine.name,
         dt=engine.dt,

@@ -2,12 +2,11 @@
 
 from collections.abc import Callable
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 
 from .._errors import ConfigurationError, ShapeError
 from ..simulation import Problem
+from ..simulation._judge import clearances
 from ._ends import by_blocks
 
 _BLOCK = 1024  # draws at a time; part of what a seed means
@@ -99,9 +98,4 @@ def _free(problem: Problem, count: int, draw: Callable[[np.random.Generator], np
 def _clearances(problem: Problem, q: np.ndarray) -> np.ndarray:
     if not problem.distances:
         return np.full(len(q), np.inf)
-    return by_blocks(lambda block: (_compiled_clearances(problem, block),), q, _BLOCK)[0]
-
-
-@jax.jit
-def _compiled_clearances(problem: Problem, q: jax.Array) -> jax.Array:
-    return jax.vmap(problem.clearance)(jnp.asarray(q, jnp.float32))
+    return by_blocks(lambda block: (clearances(problem, block),), q, _BLOCK)[0]

@@ -87,7 +87,11 @@ class LulaPolicy:
         if position_target is not None:
             position_target = _vector(position_target, 3, "position_target")
         if axes or position_target is not None:
-            node += self._frame_leaves(self._target_frame(frame), position_target, axes)
+            frame = frame or self.frame
+            if frame is None:
+                raise ConfigurationError("the XRDF has no tool_frames: say which frame the targets are for, frame=...")
+            self.robot.frame_index(frame)
+            node += self._frame_leaves(frame, position_target, axes)
         if self.controllers.size and self.base.size:
             node += self._avoid(self.controllers, self.base, self.self_collision)
         if world is not None and world.size and self.spheres.size:
@@ -103,13 +107,6 @@ class LulaPolicy:
         **Returns** `qdd` [n], per second squared.
         """
         return resolve_within(tree(q, qd), self.max_acceleration_norm, self.projection_tolerance)
-
-    def _target_frame(self, frame: str | None) -> str:
-        frame = frame or self.frame
-        if frame is None:
-            raise ConfigurationError("the XRDF has no tool_frames: say which frame the targets are for, frame=...")
-        self.robot.frame_index(frame)
-        return frame
 
     def _frame_leaves(self, frame: str, position_target, axes: dict[int, jax.Array]) -> Node:
         here: Node = self.damping + self.damping_inertia

@@ -1,6 +1,5 @@
 """The task map from joint positions to points on the robot."""
 
-from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import jax
@@ -77,7 +76,7 @@ class ControlPoints(TaskMap):
     def __call__(self, x):
         x = configuration(self.robot, x)
         motions, _ = self._point_motions(x, None)
-        return self._in_order([rows(motion.position, (len(k),), x.dtype) for _, k, motion in motions])
+        return self._ordered(jnp.concatenate([rows(motion.position, (len(k),), x.dtype) for _, k, motion in motions]))
 
     def pushforward(self, x, xd):
         x, xd = configuration(self.robot, x), configuration(self.robot, xd, "xd")
@@ -144,9 +143,6 @@ class ControlPoints(TaskMap):
                 for pose, own in zip(poses, owns, strict=True)
             ]
         return [(frame.body, k, pose) for (frame, k), pose in zip(frames, poses, strict=True)], axes
-
-    def _in_order(self, groups: Sequence[jax.Array]) -> jax.Array:
-        return self._ordered(groups[0] if len(groups) == 1 else jnp.concatenate(groups))
 
     def _ordered(self, joined: jax.Array) -> jax.Array:
         """What is joined from the frames' groups, in the points' order."""

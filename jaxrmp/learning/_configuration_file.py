@@ -33,29 +33,24 @@ def load_configuration(path: str | Path, overrides: Mapping[str, Any] | None = N
         table: Any = content
         for section in sections:
             table = _section(table, section, key)
+        if isinstance(table, list):
+            raise ConfigurationError(f"{key!r} does not name a value: {last!r} is a section.")
         table[last] = value
     return configuration_from_dict(content)
 
 
-def _section(table: dict[str, Any], section: str, key: str) -> dict[str, Any]:
-    """The section of a table, made if need be; of a list of named tables, as `subtasks` is, a dict of them by name."""
+def _section(table: Any, section: str, key: str) -> Any:
+    """The section of a table, made if need be; of a list of named tables, as `subtasks` is, the one of that name."""
+    if isinstance(table, list):
+        named = {str(entry["name"]): entry for entry in table if isinstance(entry, dict) and "name" in entry}
+        UnknownNameError.check("subtask", section, named)
+        return named[section]
     inner = table.setdefault(section, {})
-    if isinstance(inner, list) and all(isinstance(entry, dict) for entry in inner):
-        return _Named(inner)
-    if not isinstance(inner, dict):
+    if not isinstance(inner, dict) and not (
+        isinstance(inner, list) and all(isinstance(entry, dict) for entry in inner)
+    ):
         raise ConfigurationError(f"{key!r} does not name a value: {section!r} is no section.")
     return inner
-
-
-class _Named(dict):
-    """A list of tables seen by their names."""
-
-    def __init__(self, tables: list[dict[str, Any]]):
-        super().__init__({str(table.get("name")): table for table in tables})
-
-    def setdefault(self, key, default=None):
-        UnknownNameError.check("subtask", key, self)
-        return self[key]
 
 
 def configuration_from_dict(content: Mapping[str, Any]) -> Configuration:
@@ -84,7 +79,7 @@ def _build(kind: Any, value: Any, where: str) -> Any:
             raise ConfigurationError(f"{where} is {value!r}, expected {len(arguments)} entries.")
         kinds = [arguments[0]] * len(value) if arguments[-1] is Ellipsis else arguments
         return tuple(_build(k, v, f"{where}[{i}]") for i, (k, v) in enumerate(zip(kinds, value, strict=True)))
-    if origin in (Mapping, dict) or kind is Mapping or getattr(origin, "__name__", "") == "Mapping":
+    if origin is Mapping:
         if isinstance(value, Mapping):
             return {str(k): _build(arguments[1], v, f"{where}.{k}") for k, v in value.items()}
     elif origin is typing.Literal or (kind is str and isinstance(value, str)):

@@ -84,6 +84,12 @@ class Problem:
         return least
 
 
+@jax.jit
+def clearances(problem: Problem, q: jax.Array) -> jax.Array:
+    """`Problem.clearance` at configurations `q` [B, n], [B]."""
+    return jax.vmap(problem.clearance)(jnp.asarray(q, jnp.float32))
+
+
 class Track(NamedTuple):
     """What is kept of a simulation; scalars for one start, [B] for a batch.
 
