@@ -46,9 +46,7 @@ def _section(table: Any, section: str, key: str) -> Any:
         UnknownNameError.check("subtask", section, named)
         return named[section]
     inner = table.setdefault(section, {})
-    if not isinstance(inner, dict) and not (
-        isinstance(inner, list) and all(isinstance(entry, dict) for entry in inner)
-    ):
+    if not all(isinstance(entry, dict) for entry in (inner if isinstance(inner, list) else [inner])):
         raise ConfigurationError(f"{key!r} does not name a value: {section!r} is no section.")
     return inner
 
