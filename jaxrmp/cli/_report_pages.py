@@ -48,7 +48,18 @@ def learning_page(
         ),
         heading("How well it reproduces"),
         paragraph(f"Measured on {reproduction['measured_on']}; every rollout starts where its demonstration did."),
-        _errors(reproduction),
+        records(
+            [*reproduction["per_demo"], {"demo": "mean", "rests_away_from": (), **reproduction["mean"]}],
+            {
+                "demonstration": lambda e: e["demo"],
+                "DTW, cm": lambda e: f"{e['dtw_cm']:.2f}",
+                "Fréchet, cm": lambda e: f"{e['frechet_cm']:.2f}",
+                "goal, cm": lambda e: f"{e['goal_cm']:.2f}",
+                "energy increase": lambda e: f"{e['energy_increase']:.1e}",
+                "limit margin, rad": lambda e: f"{e['limit_margin_rad']:.3f}",
+                "rests away from": lambda e: ", ".join(e["rests_away_from"]),
+            },
+        ),
         heading("Subtasks"),
         records(
             report["subtasks"],
@@ -122,18 +133,3 @@ def run_page(
 
 def _reached(basin: Mapping[str, Any] | None) -> str:
     return percent(basin["share_reached"]) if basin else "not needed"
-
-
-def _errors(reproduction: Mapping[str, Any]) -> str:
-    return records(
-        [*reproduction["per_demo"], {"demo": "mean", "rests_away_from": (), **reproduction["mean"]}],
-        {
-            "demonstration": lambda e: e["demo"],
-            "DTW, cm": lambda e: f"{e['dtw_cm']:.2f}",
-            "Fréchet, cm": lambda e: f"{e['frechet_cm']:.2f}",
-            "goal, cm": lambda e: f"{e['goal_cm']:.2f}",
-            "energy increase": lambda e: f"{e['energy_increase']:.1e}",
-            "limit margin, rad": lambda e: f"{e['limit_margin_rad']:.3f}",
-            "rests away from": lambda e: ", ".join(e["rests_away_from"]),
-        },
-    )

@@ -39,7 +39,7 @@ class TargetSettings:
 
 @settings("potential")
 class PotentialSettings:
-    """How the potential is fitted and its kernel width chosen; arguments as `choose_potential`."""
+    """How the potential is fitted and its width chosen; arguments as `choose_potential` and `fit_potential`."""
 
     widths: Positive[tuple[float, ...]] = (0.02, 0.03, 0.04, 0.05, 0.06, 0.08)
     sharpness: Positive[float] = 30.0
