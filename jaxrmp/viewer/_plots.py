@@ -6,10 +6,18 @@ from typing import Any
 import numpy as np
 
 _POINTS = 300
-_COLOURS = [
-    f"#{c}"
-    for c in ["0072b2", "d55e00", "009e73", "cc79a7", "e69f00", "56b4e9", "8c564b", "7f7f7f", "bcbd22", "17becf"]
-]
+_COLOURS = (
+    "#0072b2",
+    "#d55e00",
+    "#009e73",
+    "#cc79a7",
+    "#e69f00",
+    "#56b4e9",
+    "#8c564b",
+    "#7f7f7f",
+    "#bcbd22",
+    "#17becf",
+)
 _HEIGHT = 190
 
 
