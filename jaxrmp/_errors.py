@@ -1,7 +1,8 @@
 """What can go wrong, as types. Every message names the argument, shows what was received and says what to do."""
 
+import contextlib
 import difflib
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable, Iterator
 
 
 class JaxrmpError(Exception):
@@ -25,6 +26,12 @@ class UnknownNameError(JaxrmpError, ValueError):
         message += f" Valid: {shown or 'none'}."
         super().__init__(message + (f" {hint}" if hint else ""))
         self.kind, self.name, self.valid = kind, name, tuple(options)
+
+    @classmethod
+    def check(cls, kind: str, name: object, valid: Collection[object], hint: str = "") -> None:
+        """**Raises** it if `name`, of some `kind`, is not among the `valid` ones; a `hint` says more."""
+        if name not in valid:
+            raise cls(kind, name, valid, hint)
 
 
 class LeafError(JaxrmpError, TypeError):
@@ -72,3 +79,12 @@ class MissingDependencyError(JaxrmpError, ImportError):
 
     def __init__(self, package: str, extra: str):
         super().__init__(f"{package} is needed for this and is not installed: pip install 'jaxrmp[{extra}]'.")
+
+
+@contextlib.contextmanager
+def importing(package: str, extra: str) -> Iterator[None]:
+    """Around the imports of an optional package. **Raises** `MissingDependencyError` if it is not installed."""
+    try:
+        yield
+    except ImportError as error:
+        raise MissingDependencyError(package, extra) from error

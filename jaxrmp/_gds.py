@@ -6,6 +6,7 @@ by autodiff. Then `V = 1/2 xd^T G xd + Phi` falls at the rate `xd^T B xd`. RMPfl
 """
 
 from collections.abc import Callable
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -21,6 +22,8 @@ class GeometricDynamicalSystem(Leaf):
 
     Where the metric depends on velocity and m > 1, `M = G + Xi` need not be symmetric: resolve with `method="lu"`.
     """
+
+    damping_rate: Any
 
     @staticmethod
     def of(metric: Callable, potential: Callable, damping: Callable, name: str = "gds") -> "GeometricDynamicalSystem":
@@ -46,8 +49,8 @@ class GeometricDynamicalSystem(Leaf):
         raise NotImplementedError
 
     def damping(self, x: jax.Array, xd: jax.Array) -> jax.Array:
-        """`B` [m, m] at `x, xd` [m], positive semi-definite."""
-        raise NotImplementedError
+        """`B` [m, m] at `x, xd` [m], positive semi-definite; here, `damping_rate` times the metric."""
+        return (self.damping_rate * self.metric(x, xd)).astype(x.dtype)
 
     def __call__(self, x, xd):
         def momentum(x, v):
@@ -76,6 +79,8 @@ class SeparableGDS(SeparableLeaf):
     serves all coordinates, so this is the form for joint limits and distances.
     """
 
+    damping_rate: Any
+
     def metric(self, x: jax.Array, xd: jax.Array) -> jax.Array:
         """The diagonal of `G`, [m], at `x, xd` [m]; entry i depends on `x[i]` and `xd[i]` alone; not negative."""
         raise NotImplementedError
@@ -85,8 +90,8 @@ class SeparableGDS(SeparableLeaf):
         raise NotImplementedError
 
     def damping(self, x: jax.Array, xd: jax.Array) -> jax.Array:
-        """The diagonal of `B`, [m], at `x, xd` [m]; not negative."""
-        raise NotImplementedError
+        """The diagonal of `B`, [m], at `x, xd` [m]; not negative; here, `damping_rate` times the metric."""
+        return (self.damping_rate * self.metric(x, xd)).astype(x.dtype)
 
     @one_loop
     def evaluate(self, x, xd):

@@ -69,6 +69,11 @@ def as_pytree(function: Any) -> Any:
     return jax.tree_util.Partial(function) if jax.tree_util.all_leaves([function]) else function
 
 
+def as_floats(value: Any) -> Any:
+    """A JAX array as it is, and all else as a NumPy array of floats."""
+    return value if isinstance(value, jax.Array) else np.asarray(value, float)
+
+
 def set_field(value: Any, name: str, content: Any) -> None:
     """Assign a field of a frozen value; only for use inside its own `__post_init__`."""
     object.__setattr__(value, name, content)

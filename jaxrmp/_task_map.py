@@ -142,10 +142,10 @@ class Identity(TaskMap):
 
     def pushforward(self, x, xd):
         eye = jnp.eye(x.shape[-1], dtype=x.dtype)
-        return Pushforward(x, xd, jnp.broadcast_to(eye, (*x.shape, x.shape[-1])), jnp.zeros_like(x))
+        return Pushforward(self(x), xd, jnp.broadcast_to(eye, (*x.shape, x.shape[-1])), jnp.zeros_like(x))
 
     def transport(self, x, xd):
-        return Transport(x, xd, lambda form: form)
+        return Transport(self(x), xd, lambda form: form)
 
 
 @pytree
@@ -243,7 +243,7 @@ class RigidTransform(TaskMap):
 
 
 @pytree
-class Translation(TaskMap):
+class Translation(Identity):
     """`y = x - origin`: moves `origin` (shape of x) to zero. Used to put a subtask's target at the origin.
 
     >>> Translation(jnp.array([1.0, 2.0]))(jnp.array([1.0, 3.0])).tolist()
@@ -254,13 +254,6 @@ class Translation(TaskMap):
 
     def __call__(self, x):
         return x - jnp.asarray(self.origin, x.dtype)
-
-    def pushforward(self, x, xd):
-        eye = jnp.eye(x.shape[-1], dtype=x.dtype)
-        return Pushforward(self(x), xd, jnp.broadcast_to(eye, (*x.shape, x.shape[-1])), jnp.zeros_like(x))
-
-    def transport(self, x, xd):
-        return Transport(self(x), xd, lambda form: form)
 
 
 @pytree

@@ -110,14 +110,21 @@ def points_of(node: "Node") -> int:
     return jnp.shape(jax.tree.leaves(node)[0])[0]
 
 
-class Leaves(Visitor):
-    """The leaves, in order; without a state."""
+class Gather(Visitor):
+    """Tuples of what is found at the leaves, in order."""
+
+    def visit_sum(self, nodes, state):
+        return tuple(part for node in nodes for part in node.accept(self, state))
+
+    def visit_batched(self, node, shared, state):
+        return at_points(self, node, shared, state)
+
+
+class Leaves(Gather):
+    """The leaves; without a state."""
 
     def visit_leaf(self, leaf, state):
         return (leaf,)
-
-    def visit_sum(self, nodes, state):
-        return tuple(leaf for node in nodes for leaf in node.accept(self, state))
 
     def visit_pullback(self, task_map, node, state):
         return node.accept(self, state)

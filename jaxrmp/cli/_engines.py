@@ -6,7 +6,7 @@ import subprocess
 import sys
 from typing import Any
 
-from .._errors import ConfigurationError
+from .._errors import ConfigurationError, RolloutError
 from ..kinematics import Robot
 
 
@@ -14,15 +14,14 @@ def needs_fast_xla(arguments: argparse.Namespace) -> bool:
     """Whether this command must start again with XLA set up for MJX on a CPU; see `again_with_fast_xla`."""
     from ..simulation import FAST_ON_CPU
 
-    if arguments.physics != "mjx":
-        return False
-    return FAST_ON_CPU.split("=")[0] not in os.environ.get("XLA_FLAGS", "")
+    return arguments.physics == "mjx" and FAST_ON_CPU.split("=")[0] not in os.environ.get("XLA_FLAGS", "")
 
 
-def again_with_fast_xla(command_line: list[str]) -> int:
-    """Run the command in a child process whose XLA runs MJX fast on a CPU, and say so; its exit code.
+def again_with_fast_xla(command_line: list[str]) -> None:
+    """Run the command in a child process whose XLA runs MJX fast on a CPU, and say so.
 
     XLA reads its flags once, before anything else, so this process may be too late to set them.
+    **Raises** `RolloutError` if it fails.
     """
     from ..simulation import FAST_ON_CPU
 
@@ -30,7 +29,8 @@ def again_with_fast_xla(command_line: list[str]) -> int:
         print(f"MJX: running in a child process with XLA_FLAGS={FAST_ON_CPU}", file=sys.stderr, flush=True)
     flags = f"{os.environ.get('XLA_FLAGS', '')} {FAST_ON_CPU}".strip()
     command = [sys.executable, "-m", "jaxrmp", *command_line]
-    return subprocess.run(command, env={**os.environ, "XLA_FLAGS": flags}, check=False).returncode
+    if code := subprocess.run(command, env={**os.environ, "XLA_FLAGS": flags}, check=False).returncode:
+        raise RolloutError(f"the child process ended with exit code {code}; see above.")
 
 
 def engine_of(arguments: argparse.Namespace, skill: Any, robot: Robot, criteria: Any) -> tuple[Any, Any]:

@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 
 from .._errors import ConfigurationError, RolloutError
-from .._files import atomic_write
 from ._engines import again_with_fast_xla, engine_of, needs_fast_xla
-from ._output import made_by, progress_bar, write_json
-from ._processes import joined, spawn
+from ._output import made_by, progress_bar, write_arrays, write_json
+from ._processes import spawn
 
 
 def run(arguments: argparse.Namespace, rest: list[str]) -> None:
@@ -20,8 +19,7 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
         spawn(arguments.processes, arguments.command_line)
         return
     if needs_fast_xla(arguments):
-        if code := again_with_fast_xla(arguments.command_line):
-            raise RolloutError(f"the child process ended with exit code {code}; see above.")
+        again_with_fast_xla(arguments.command_line)
         return
     _prepare_jax(arguments)
     import jax
@@ -52,14 +50,11 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
     began = time.perf_counter()
     with progress_bar(arguments.quiet) as show:
         show(f"{len(starts)} rollouts ({engine.name})", 0.0)
-        evaluation = evaluate(
-            engine,
-            problem,
-            limits,
-            starts,
-            batch=arguments.batch,
-            progress=lambda ended, own: show(f"{10 * (10 * ended // own)} % of rollouts ended", ended / own),
-        )
+
+        def progress(ended, own):
+            show(f"{10 * (10 * ended // own)} % of rollouts ended", ended / own)
+
+        evaluation = evaluate(engine, problem, limits, starts, batch=arguments.batch, progress=progress)
     if jax.process_index() != 0:
         return
     found = report(evaluation, skill, problem)
@@ -129,26 +124,22 @@ def _prepare_jax(arguments: argparse.Namespace) -> None:
         except RuntimeError as error:
             raise ConfigurationError(f"--devices cannot be set once JAX is in use: {error}") from error
     if arguments.process is not None:
-        joined(arguments.coordinator, arguments.processes, arguments.process)
+        from ..evaluation import join_processes
+
+        if arguments.coordinator is None:
+            raise ConfigurationError("--process needs --coordinator HOST:PORT, the same for all processes.")
+        join_processes(arguments.coordinator, arguments.processes, arguments.process)
 
 
 def _save_ends(evaluation: Any, path: Path) -> None:
     """Every start and where it ended, for a comparison of engines or for one's own analysis."""
-    ends, outcomes = evaluation.ends, evaluation.outcomes
-    with atomic_write(path) as file:
-        np.savez_compressed(
-            file,
-            starts=evaluation.starts,
-            kind=ends.kind,
-            q=outcomes.q,
-            qd=outcomes.qd,
-            points=ends.points,
-            error=ends.error,
-            seconds=evaluation.seconds,
-            energy_increase=evaluation.energy_increase,
-            touched=np.asarray(outcomes.track.touched),
-            clearance=np.asarray(outcomes.track.clearance),
-        )
+    kept = (
+        (evaluation, ("starts", "seconds", "energy_increase")),
+        (evaluation.ends, ("kind", "points", "error")),
+        (evaluation.outcomes, ("q", "qd")),
+        (evaluation.outcomes.track, ("touched", "clearance")),
+    )
+    write_arrays({name: np.asarray(getattr(of, name)) for of, names in kept for name in names}, path)
 
 
 def _around(arguments, problem, skill, robot, count):
@@ -174,8 +165,7 @@ def _replayed(arguments: argparse.Namespace, found: Any) -> str:
 
     evaluation = found.evaluation
     if arguments.save:
-        with atomic_write(arguments.save) as file:
-            np.savez_compressed(file, time=found.time, q=found.q, qd=found.qd)
+        write_arrays({name: getattr(found, name) for name in ("time", "q", "qd")}, arguments.save)
     result = {
         "start": arguments.replay,
         "end": KINDS[End(int(evaluation.ends.kind[0]))],

@@ -5,10 +5,12 @@ import json
 import math
 import platform
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from .._files import atomic_write
 from ..learning import Configuration, configuration_to_dict
@@ -55,6 +57,12 @@ def write_json(content: Any, path: Path) -> None:
     text = json.dumps(_without_nan(content), indent=1, allow_nan=False)
     with atomic_write(path) as file:
         file.write(text.encode() + b"\n")
+
+
+def write_arrays(arrays: Mapping[str, Any], path: Path) -> None:
+    """Write `arrays` as an NPZ file, whole or not at all."""
+    with atomic_write(path) as file:
+        np.savez_compressed(file, **arrays)
 
 
 def _without_nan(value: Any) -> Any:

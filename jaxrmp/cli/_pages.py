@@ -13,8 +13,8 @@ def show(session: Session, until_closed: bool, hint: str) -> None:
     """
     print("compiling the policy (seconds, the first time up to a minute) ...", flush=True)
     if threading.current_thread() is threading.main_thread():
-        signal.signal(signal.SIGTERM, _interrupt)
-        signal.signal(signal.SIGINT, _interrupt)  # ignored in what a script starts in the background
+        signal.signal(signal.SIGTERM, signal.default_int_handler)
+        signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored in what a script starts in the background
     try:
         session.start()
         print(f"The page is at {session.url}, for this machine only. {hint} Ctrl-C ends it.", flush=True)
@@ -23,7 +23,3 @@ def show(session: Session, until_closed: bool, hint: str) -> None:
         print()
     finally:
         session.stop()
-
-
-def _interrupt(*_: object) -> None:
-    raise KeyboardInterrupt

@@ -4,7 +4,7 @@ import socket
 import subprocess
 import sys
 
-from .._errors import ConfigurationError, RolloutError
+from .._errors import RolloutError
 
 
 def spawn(processes: int, command_line: list[str]) -> None:
@@ -41,12 +41,3 @@ def _wait(children: list[subprocess.Popen]) -> list[int]:
                 for other in left:
                     other.terminate()
     return [child.returncode for child in children]
-
-
-def joined(coordinator: str | None, processes: int, process: int) -> None:
-    """Make this process one of several. **Raises** `ConfigurationError`."""
-    from ..evaluation import join_processes
-
-    if coordinator is None:
-        raise ConfigurationError("--process needs --coordinator HOST:PORT, the same for all processes.")
-    join_processes(coordinator, processes, process)

@@ -1,11 +1,12 @@
 """What `learn` and `run` have to tell, as one page each."""
 
+import math
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 from ..reports import _page
-from ..reports._page import heading, numbers, paragraph, percent, table
+from ..reports._page import heading, numbers, paragraph, percent, records
 
 FIGURES = {
     "vector_field": (
@@ -40,20 +41,6 @@ def learning_page(
     """Write what `learning_report.json` and `made_by.json` say, with the pictures, for a person."""
     reproduction, seconds = report["reproduction"], report["seconds"]
     total = sum(seconds[step] for step in ("preprocessing", "potentials", "metrics"))
-    subtasks = [
-        [
-            s["name"],
-            s["nominal_demonstration"],
-            s["potential"]["width"],
-            s["potential"]["status"],
-            f"{s['potential']['alignment']:.3f}",
-            percent(s["potential"]["beyond_90"]),
-            percent(s["potential"]["basin"]["share_reached"]) if s["potential"]["basin"] else "not needed",
-            numbers(s["potential"]["goal_hessian_eigenvalues"], 1),
-            f"{s['metric']['first_loss']:.3g}, {s['metric']['last_loss']:.3g}",
-        ]
-        for s in report["subtasks"]
-    ]
     parts = [
         paragraph(
             f"Learned from {report['source']} in {total:.1f} s, of which {seconds['metric_loop']:.1f} s went into the "
@@ -61,21 +48,34 @@ def learning_page(
         ),
         heading("How well it reproduces"),
         paragraph(f"Measured on {reproduction['measured_on']}; every rollout starts where its demonstration did."),
-        _errors(reproduction),
+        records(
+            [*reproduction["per_demo"], {"demo": "mean", "rests_away_from": (), **reproduction["mean"]}],
+            {
+                "demonstration": lambda e: e["demo"],
+                "DTW, cm": lambda e: f"{e['dtw_cm']:.2f}",
+                "Fréchet, cm": lambda e: f"{e['frechet_cm']:.2f}",
+                "goal, cm": lambda e: f"{e['goal_cm']:.2f}",
+                "energy increase": lambda e: f"{e['energy_increase']:.1e}",
+                "limit margin, rad": lambda e: f"{e['limit_margin_rad']:.3f}",
+                "rests away from": lambda e: ", ".join(e["rests_away_from"]),
+            },
+        ),
         heading("Subtasks"),
-        table(
-            [
-                "subtask",
-                "nominal demonstration",
-                "kernel width, m",
-                "convex program",
-                "mean cosine",
-                "beyond 90 degrees",
-                "random starts that reach the goal",
-                "Hessian's eigenvalues at the goal, 1/m",
-                "loss, first and last",
-            ],
-            subtasks,
+        records(
+            report["subtasks"],
+            {
+                "subtask": lambda s: s["name"],
+                "nominal demonstration": lambda s: s["nominal_demonstration"],
+                "kernel width, m": lambda s: s["potential"]["width"],
+                "convex program": lambda s: s["potential"]["status"],
+                "mean cosine": lambda s: f"{s['potential']['alignment']:.3f}",
+                "beyond 90 degrees": lambda s: percent(s["potential"]["beyond_90"]),
+                "random starts that reach the goal": lambda s: _reached(s["potential"]["basin"]),
+                "Hessian's eigenvalues at the goal, 1/m": lambda s: numbers(
+                    s["potential"]["goal_hessian_eigenvalues"], 1
+                ),
+                "loss, first and last": lambda s: f"{s['metric']['first_loss']:.3g}, {s['metric']['last_loss']:.3g}",
+            },
         ),
         paragraph(
             "The mean cosine is that between the potential's slope and the directions of all demonstrations. Samples "
@@ -83,20 +83,17 @@ def learning_page(
         ),
         _page.pictures(figures),
         heading("Demonstrations as they were read"),
-        table(
-            ["demonstration", "samples", "seconds", "repeats merged", "gaps", "largest gap, s", "pauses dropped, s"],
-            [
-                [
-                    i,
-                    d["samples_read"],
-                    f"{d['duration']:.1f}",
-                    d["repeats_merged"],
-                    d["gaps"],
-                    f"{d['largest_gap']:.3f}",
-                    f"{d['pause_seconds_dropped']:.2f}",
-                ]
-                for i, d in enumerate(report["demonstrations"])
-            ],
+        records(
+            enumerate(report["demonstrations"]),
+            {
+                "demonstration": lambda d: d[0],
+                "samples": lambda d: d[1]["samples_read"],
+                "seconds": lambda d: f"{d[1]['duration']:.1f}",
+                "repeats merged": lambda d: d[1]["repeats_merged"],
+                "gaps": lambda d: d[1]["gaps"],
+                "largest gap, s": lambda d: f"{d[1]['largest_gap']:.3f}",
+                "pauses dropped, s": lambda d: f"{d[1]['pause_seconds_dropped']:.2f}",
+            },
         ),
         _page.settings(made_by, ("configuration", "versions")),
     ]
@@ -107,41 +104,25 @@ def run_page(
     report: Mapping[str, Any], made_by: Mapping[str, Any], figures: Mapping[str, tuple[bytes, str]], path: Path
 ) -> Path:
     """Write how trials in physics went, with the pictures, for a person; `report` is what `run --json` writes."""
-    trials = report["per_trial"]
-    rows = [
-        [
-            t["trial"],
-            "yes" if t["success"] else "no",
-            t["reason"],
-            f"{1000 * t['final_error_m']:.1f}",
-            "" if t["final_angle_deg"] != t["final_angle_deg"] else f"{t['final_angle_deg']:.1f}",
-            f"{1000 * t['min_clearance_m']:.1f}",
-            f"{t['time_s']:.1f}",
-            percent(t["saturated"]),
-            percent(t["velocity_limited"]),
-            f"{t['braked_s']:.2f}",
-        ]
-        for t in trials
-    ]
     parts = [
         paragraph(
             f"{report['successes']} of {report['trials']} trials succeeded in scene {report['scene']}, in MuJoCo at "
             "1 kHz with contacts and torque limits. Replay one with `--trial K`, all else as here."
         ),
-        table(
-            [
-                "trial",
-                "success",
-                "how it ended",
-                "left to the goal, mm",
-                "angle, degrees",
-                "least clearance, mm",
-                "time, s",
-                "steps at a torque limit",
-                "steps at a velocity limit",
-                "braked without a pose, s",
-            ],
-            rows,
+        records(
+            report["per_trial"],
+            {
+                "trial": lambda t: t["trial"],
+                "success": lambda t: "yes" if t["success"] else "no",
+                "how it ended": lambda t: t["reason"],
+                "left to the goal, mm": lambda t: f"{1000 * t['final_error_m']:.1f}",
+                "angle, degrees": lambda t: "" if math.isnan(t["final_angle_deg"]) else f"{t['final_angle_deg']:.1f}",
+                "least clearance, mm": lambda t: f"{1000 * t['min_clearance_m']:.1f}",
+                "time, s": lambda t: f"{t['time_s']:.1f}",
+                "steps at a torque limit": lambda t: percent(t["saturated"]),
+                "steps at a velocity limit": lambda t: percent(t["velocity_limited"]),
+                "braked without a pose, s": lambda t: f"{t['braked_s']:.2f}",
+            },
         ),
         _page.pictures(figures),
         _page.settings(report, ("settings",)),
@@ -150,26 +131,5 @@ def run_page(
     return _page.write_page(path, f"{made_by['configuration']['name']} in scene {report['scene']}", parts)
 
 
-def _errors(reproduction: Mapping[str, Any]) -> str:
-    rows = [(e["demo"], e, ", ".join(e["rests_away_from"])) for e in reproduction["per_demo"]]
-    return table(
-        [
-            "demonstration",
-            "DTW, cm",
-            "Fréchet, cm",
-            "goal, cm",
-            "energy increase",
-            "limit margin, rad",
-            "rests away from",
-        ],
-        [
-            [
-                name,
-                *(f"{e[key]:.2f}" for key in ("dtw_cm", "frechet_cm", "goal_cm")),
-                f"{e['energy_increase']:.1e}",
-                f"{e['limit_margin_rad']:.3f}",
-                away,
-            ]
-            for name, e, away in [*rows, ("mean", reproduction["mean"], "")]
-        ],
-    )
+def _reached(basin: Mapping[str, Any] | None) -> str:
+    return percent(basin["share_reached"]) if basin else "not needed"

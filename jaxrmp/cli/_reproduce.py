@@ -8,11 +8,10 @@ import jax
 import numpy as np
 
 from .._errors import ConfigurationError
-from .._files import atomic_write
 from ..learning import Reproduction, Skill, prepare, reproduce
 from ..simulation import arrival
 from ..visualization import save_reproduction_figures
-from ._output import error_table, made_by, progress_bar, write_json
+from ._output import error_table, made_by, progress_bar, write_arrays, write_json
 from ._sources import demonstrations_of, skill_and_robot
 
 
@@ -27,14 +26,8 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
         progress("preparing", 0.0)
         prepared = prepare(skill.configuration, robot, demonstrations)
         progress("reproducing", 0.3)
-        reproduction = reproduce(
-            skill,
-            robot,
-            prepared,
-            duration=arguments.duration,
-            dt=arguments.dt,
-            own_targets=arguments.targets == "own",
-        )
+        times = {"duration": arguments.duration, "dt": arguments.dt}
+        reproduction = reproduce(skill, robot, prepared, own_targets=arguments.targets == "own", **times)
         result = result_dict(reproduction, skill, demonstrations.source)
         if arguments.json:
             write_json(result, arguments.json)
@@ -64,9 +57,5 @@ def result_dict(reproduction: Reproduction, skill: Skill, measured_on: str) -> d
 
 def save_rollouts(reproduction: Reproduction, path: Path) -> None:
     """Write `time_K` [T], `q_K` and `qd_K` [T, n] of every demonstration K to one NPZ file."""
-    arrays = {}
-    for i in range(len(reproduction.errors)):
-        rollouts = reproduction.rollouts
-        arrays |= {f"time_{i}": rollouts.time[i], f"q_{i}": rollouts.q[i], f"qd_{i}": rollouts.qd[i]}
-    with atomic_write(path) as file:
-        np.savez_compressed(file, **arrays)
+    rows = [(name, i) for i in range(len(reproduction.errors)) for name in ("time", "q", "qd")]
+    write_arrays({f"{name}_{i}": getattr(reproduction.rollouts, name)[i] for name, i in rows}, path)

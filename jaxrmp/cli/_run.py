@@ -7,35 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from .. import learning, simulation, visualization
 from .._errors import ConfigurationError, RolloutError
-from ..learning import (
-    PreparedDemonstrations,
-    Reproduction,
-    Skill,
-    control_points,
-    demonstrated_end,
-    in_frame,
-    load_skill,
-    prepare,
-    reproduction_errors,
-)
 from ..policies import whole_arm_policy
-from ..simulation import (
-    Rollout,
-    Run,
-    TrackerSettings,
-    run_trials,
-    sample_trials,
-)
-from ..visualization import (
-    check_video_name,
-    physics_figure,
-    png,
-    prepare_headless,
-    save_physics_figures,
-    save_video,
-    triangle_figure,
-)
 from ._output import made_by, progress_bar, write_json
 from ._report_pages import FIGURES, pictures_in, run_page
 from ._sources import demonstrations_of, scene_of
@@ -43,30 +17,24 @@ from ._sources import demonstrations_of, scene_of
 
 def run(arguments: argparse.Namespace, rest: list[str]) -> None:
     if arguments.video:
-        check_video_name(arguments.video)
+        visualization.check_video_name(arguments.video)
     if arguments.video or arguments.figures:
-        prepare_headless()
-    skill = load_skill(arguments.skill)
+        visualization.prepare_headless()
+    skill = learning.load_skill(arguments.skill)
     scene = scene_of(arguments.scene, skill)
     demonstrations = demonstrations_of(skill, arguments.demos)
     with progress_bar(arguments.quiet) as progress:
         progress("preparing", 0.0)
-        prepared = prepare(skill.configuration, scene.robot, demonstrations)
-        trials = sample_trials(
-            scene,
-            prepared.joints.q,
-            prepared.poses,
-            arguments.trials,
-            seed=arguments.seed,
-            displace=arguments.displace,
-        )
+        prepared = learning.prepare(skill.configuration, scene.robot, demonstrations)
+        chance = {"seed": arguments.seed, "displace": arguments.displace}
+        trials = simulation.sample_trials(scene, prepared.joints.q, prepared.poses, arguments.trials, **chance)
         if arguments.trial is not None:
             if not 0 <= arguments.trial < len(trials):
                 raise ConfigurationError(f"--trial {arguments.trial}: there are trials 0 to {len(trials) - 1}.")
             trials = [trials[arguments.trial]]
         if scene.hand:
-            scene = replace(scene, T_object_hand=demonstrated_end(prepared, scene.robot, scene.hand))
-        result = run_trials(
+            scene = replace(scene, T_object_hand=learning.demonstrated_end(prepared, scene.robot, scene.hand))
+        result = simulation.run_trials(
             scene,
             whole_arm_policy(skill, scene.robot),
             trials,
@@ -83,7 +51,7 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
             write_json(report, arguments.json)
         if arguments.video:
             progress("filming", 0.0)
-            save_video(result, arguments.video)
+            visualization.save_video(result, arguments.video)
         page = arguments.html or (arguments.json and arguments.json.with_suffix(".html"))
         if page or arguments.figures:
             progress("drawing", 0.5)
@@ -92,14 +60,13 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
             drawn = []
             if arguments.figures:
                 write_json(made, arguments.figures / "made_by.json")
-                drawn = save_physics_figures(result, prepared, reproduction, arguments.figures)
+                drawn = visualization.save_physics_figures(result, prepared, reproduction, arguments.figures)
             if page:
                 settings = {"skill": str(arguments.skill), "learned_from": skill.source, **_settings(arguments)}
                 figures = pictures_in(drawn) or _figures(result, prepared, reproduction)
                 run_page({**report, "settings": settings}, made, figures, page)
     print(outcome_table(report))
-    diverged = [t["trial"] for t in report["per_trial"] if t["diverged"]]
-    if diverged:
+    if diverged := [t["trial"] for t in report["per_trial"] if t["diverged"]]:
         message = f"{len(diverged)} of {len(trials)} trials diverged: {diverged}. Replay one with --trial K."
         print(f"jaxrmp: {message}", file=sys.stderr)
     failed = [t["trial"] for t in report["per_trial"] if not t["success"]]
@@ -117,30 +84,24 @@ def _settings(arguments: argparse.Namespace) -> dict[str, Any]:
 
 
 def _figures(
-    result: Run, prepared: PreparedDemonstrations, reproduction: Reproduction | None
+    result: simulation.Run, prepared: learning.PreparedDemonstrations, reproduction: learning.Reproduction | None
 ) -> dict[str, tuple[bytes, str]]:
     """Pictures for the page where no others are asked for: those that need no drawing of the scene."""
-    figures = {"physics": physics_figure(result)}
+    figures = {"physics": visualization.physics_figure(result)}
     if reproduction is not None:
-        figures["triangles"] = triangle_figure(prepared, reproduction)
-    return {FIGURES[name][0]: (png(figure), FIGURES[name][1]) for name, figure in figures.items()}
+        figures["triangles"] = visualization.triangle_figure(prepared, reproduction)
+    return {FIGURES[name][0]: (visualization.png(figure), FIGURES[name][1]) for name, figure in figures.items()}
 
 
-def _tracker(arguments: argparse.Namespace, skill: Skill) -> TrackerSettings | None:
-    wanted = arguments.tracker == "on" or (
-        arguments.tracker == "auto" and (skill.configuration.object or arguments.displace)
-    )
-    if not wanted:
+def _tracker(arguments: argparse.Namespace, skill: learning.Skill) -> simulation.TrackerSettings | None:
+    needed = arguments.tracker == "auto" and (skill.configuration.object or arguments.displace)
+    if arguments.tracker != "on" and not needed:
         return None
-    return TrackerSettings(
-        delay=arguments.tracker_delay,
-        dropouts=arguments.tracker_dropouts,
-        bias=arguments.tracker_bias,
-        silent_after=arguments.tracker_silent_after,
-    )
+    given = {name: getattr(arguments, f"tracker_{name}") for name in ("delay", "dropouts", "bias", "silent_after")}
+    return simulation.TrackerSettings(**given)
 
 
-def report_dict(result: Run, first: int = 0) -> dict[str, Any]:
+def report_dict(result: simulation.Run, first: int = 0) -> dict[str, Any]:
     """What --json writes: the scene, how many trials succeeded, and every trial."""
     per_trial = [
         {
@@ -152,12 +113,8 @@ def report_dict(result: Run, first: int = 0) -> dict[str, Any]:
         }
         for k, outcome in enumerate(result.outcomes)
     ]
-    return {
-        "scene": result.scene.name,
-        "trials": len(result.outcomes),
-        "successes": result.successes,
-        "per_trial": per_trial,
-    }
+    counts = {"trials": len(result.outcomes), "successes": result.successes}
+    return {"scene": result.scene.name, **counts, "per_trial": per_trial}
 
 
 def outcome_table(report: dict[str, Any]) -> str:
@@ -169,8 +126,7 @@ def outcome_table(report: dict[str, Any]) -> str:
             f"{trial['trial']:>5}{'yes' if trial['success'] else 'no':>9}{1000 * trial['final_error_m']:>10.1f}"
             f"{angle:>11}{1000 * trial['min_clearance_m']:>14.1f}{trial['time_s']:>8.1f}  {trial['reason']}"
         )
-    saturated = [t for t in report["per_trial"] if t["saturated"] > 0]
-    if saturated:
+    if saturated := [t for t in report["per_trial"] if t["saturated"] > 0]:
         worst = max(saturated, key=lambda t: t["saturated"])
         joints = sorted({joint for t in saturated for joint in t["saturated_joints"]})
         lines.append(
@@ -181,7 +137,9 @@ def outcome_table(report: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def _as_reproduction(skill: Skill, prepared: PreparedDemonstrations, result: Run) -> Reproduction | None:
+def _as_reproduction(
+    skill: learning.Skill, prepared: learning.PreparedDemonstrations, result: simulation.Run
+) -> learning.Reproduction | None:
     """The first trials as reproductions of the demonstrations that they start from, for the figures."""
     count = min(len(prepared.points), len(result.trials))
     if count < len(prepared.points):
@@ -191,9 +149,11 @@ def _as_reproduction(skill: Skill, prepared: PreparedDemonstrations, result: Run
     for trace, trial, demonstrated in zip(result.traces, result.trials, prepared.points, strict=False):
         rows = np.minimum(np.arange(longest), len(trace.time) - 1)  # stays where it ended
         states.append((trace.time[rows], trace.q[rows], trace.qd[rows]))
-        path = control_points(result.scene.robot, skill.frames, np.asarray(skill.offsets, float), trace.q[rows])
-        points.append(in_frame(path, trial.T_world_object))
-        errors.append(reproduction_errors(demonstrated, points[-1][: len(trace.time)]))
+        path = learning.control_points(
+            result.scene.robot, skill.frames, np.asarray(skill.offsets, float), trace.q[rows]
+        )
+        points.append(learning.in_frame(path, trial.T_world_object))
+        errors.append(learning.reproduction_errors(demonstrated, points[-1][: len(trace.time)]))
     time, q, qd = (np.stack(column) for column in zip(*states, strict=True))
-    rollouts = Rollout(time, q, qd, np.zeros(time.shape), np.zeros((*time.shape, 0)), ())
-    return Reproduction(rollouts, np.stack(points), tuple(errors))
+    rollouts = simulation.Rollout(time, q, qd, np.zeros(time.shape), np.zeros((*time.shape, 0)), ())
+    return learning.Reproduction(rollouts, np.stack(points), tuple(errors))

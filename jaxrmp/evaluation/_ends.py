@@ -11,7 +11,6 @@ from .._tree import Node
 from ..simulation import End, Outcomes, Problem
 from ..xla import in_lanes
 
-_BATCH = 256
 _LEAST_FORCE = 1e-3  # N m (or N), what a limit must push with at least to be what holds the arm
 
 
@@ -42,7 +41,7 @@ def classify_ends(problem: Problem, limits: Node | None, outcomes: Outcomes) -> 
     """
     q = np.asarray(outcomes.q, np.float32)
     errors = control_point_errors(problem, q)
-    force, limit_force = _by_blocks(lambda block: _forces(problem, limits, block), q)
+    force, limit_force = by_blocks(lambda block: _forces(problem, limits, block), q)
     margin = np.minimum(q - np.asarray(problem.lower), np.asarray(problem.upper) - q)
     residual = np.abs(force).max(-1)
     at_limit = (np.abs(limit_force) > np.maximum(_LEAST_FORCE, 10 * np.abs(force))).any(1)
@@ -54,26 +53,18 @@ def classify_ends(problem: Problem, limits: Node | None, outcomes: Outcomes) -> 
     return Ends(kind, *errors, limit_force, residual, margin)
 
 
-class ControlPointErrors(NamedTuple):
-    """Of N configurations: `points`, `hand` and `error`, as in `Ends`."""
-
-    points: np.ndarray
-    hand: np.ndarray
-    error: np.ndarray
+def control_point_errors(problem: Problem, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Where the control points are at N configurations [N, n]: `points`, `hand` and `error`, as in `Ends`."""
+    points, hand = by_blocks(lambda block: _points(problem, block), q)
+    return points, hand, np.linalg.norm(points, axis=-1).max(-1)
 
 
-def control_point_errors(problem: Problem, q: np.ndarray) -> ControlPointErrors:
-    """Where the control points are at N configurations [N, n]."""
-    points, hand = _by_blocks(lambda block: _points(problem, block), q)
-    return ControlPointErrors(points, hand, np.linalg.norm(points, axis=-1).max(-1))
-
-
-def _by_blocks(compute: Callable[[np.ndarray], tuple], q: np.ndarray) -> tuple[np.ndarray, ...]:
+def by_blocks(compute: Callable[[np.ndarray], tuple], q: np.ndarray, size: int = 256) -> tuple[np.ndarray, ...]:
     """What a compiled function of blocks of one size finds for all of `q`."""
     parts = []
-    for first in range(0, len(q), _BATCH):
-        block = q[first : first + _BATCH]
-        padded = np.concatenate([block, np.repeat(block[:1], _BATCH - len(block), axis=0)])
+    for first in range(0, len(q), size):
+        block = q[first : first + size]
+        padded = np.concatenate([block, np.repeat(block[:1], size - len(block), axis=0)])
         parts.append([np.asarray(a)[: len(block)] for a in compute(padded)])
     return tuple(np.concatenate(part) for part in zip(*parts, strict=True))
 

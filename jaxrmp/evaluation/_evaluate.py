@@ -105,21 +105,32 @@ def evaluate(
         outcomes = simulate(engine, own, batch=batch, progress=progress, watch=watch)
         return {"outcomes": outcomes, "residual": watch.residual, "growth": watch.growth}
 
-    found = map_over_processes(work, starts)
-    at_start = control_point_errors(problem, starts)
+    return _judged(engine, problem, limits, starts, batch, **map_over_processes(work, starts))
+
+
+def _judged(
+    engine: Engine,
+    problem: Problem,
+    limits: Node | None,
+    starts: np.ndarray,
+    batch: int,
+    outcomes: Outcomes,
+    **found: Any,
+) -> Evaluation:
+    """What came of rollouts, with the certificate's `residual` and `growth` that were found on the way."""
+    _, hand, error = control_point_errors(problem, starts)
     return Evaluation(
         starts=starts,
-        outcomes=found["outcomes"],
-        ends=classify_ends(problem, limits, found["outcomes"]),
-        start_error=at_start.error,
-        start_hand=at_start.hand,
-        residual=found["residual"],
-        growth=found["growth"],
+        outcomes=outcomes,
+        ends=classify_ends(problem, limits, outcomes),
+        start_error=error,
+        start_hand=hand,
         uncertified=CertificateWatch(problem, 0).uncertified,
         engine=engine.name,
         dt=engine.dt,
         batch=batch,
         criteria=engine.criteria,
+        **found,
     )
 
 
@@ -143,29 +154,13 @@ def replay(engine: Engine, problem: Problem, limits: Node | None, start: np.ndar
     watch = CertificateWatch(problem, batch)
 
     def keep(places: np.ndarray, state: Any) -> None:
-        row = int(np.flatnonzero(places == 0)[0]) if (places == 0).any() else -1
-        if row < 0:  # this one has ended; copies of it that fill the batch may be under way still
-            return
-        states.append((int(state.track.steps[row]), state.q[row].copy(), state.qd[row].copy()))
-        watch(places, state)
+        for row in np.flatnonzero(places == 0):  # none once it has ended, though copies of it may be under way still
+            states.append((int(state.track.steps[row]), state.q[row].copy(), state.qd[row].copy()))
+            watch(places, state)
 
     padded = np.repeat(np.asarray(start, np.float32)[None], batch, axis=0)
     outcomes = simulate(engine, padded, batch=batch, watch=keep).take(np.arange(1))
-    ends = classify_ends(problem, limits, outcomes)
-    at_start = control_point_errors(problem, padded[:1])
     steps, q, qd = (np.array(column) for column in zip(*states, strict=True))
-    evaluation = Evaluation(
-        padded[:1],
-        outcomes,
-        ends,
-        at_start.error,
-        at_start.hand,
-        watch.residual[:1],
-        watch.growth[:1],
-        watch.uncertified,
-        engine.name,
-        engine.dt,
-        batch,
-        engine.criteria,
-    )
+    found = {"residual": watch.residual[:1], "growth": watch.growth[:1]}
+    evaluation = _judged(engine, problem, limits, padded[:1], batch, outcomes, **found)
     return Replay(steps * engine.dt, q, qd, evaluation)

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from ..reports import _page
-from ..reports._page import heading, numbers, paragraph, percent, table
+from ..reports._page import heading, numbers, paragraph, percent, records, table
 from ._report import KINDS
 
 
@@ -80,17 +80,6 @@ def _summary(report: Mapping[str, Any]) -> str:
 
 def _stability(found: Mapping[str, Any]) -> str:
     certificate = found["certificate"]
-    rows = [
-        [
-            s["name"],
-            f"{s['metric']['least_eigenvalue']:.3g} to {s['metric']['largest_eigenvalue']:.3g}",
-            percent(s["metric"]["positive_definite_share"]),
-            f"{s['goal']['slope']:.1e}",
-            numbers(s["goal"]["hessian_eigenvalues"], 1),
-            len(s.get("stationary_points", ())),
-        ]
-        for s in found["subtasks"]
-    ]
     stationary = [
         [s["name"], p["kind"], f"{p['distance_m']:.4f}", numbers(p["position"]), numbers(p["eigenvalues"], 2)]
         for s in found["subtasks"]
@@ -106,16 +95,18 @@ def _stability(found: Mapping[str, Any]) -> str:
                 f"{certificate['max_growth_rate']:.1e} (1 + |V|) per second; not a number from "
                 f"{certificate['starts_not_a_number']} starts."
             ),
-            table(
-                [
-                    "subtask",
-                    "metric's eigenvalues over the region",
-                    "positive definite",
-                    "slope at the goal",
-                    "Hessian's eigenvalues at the goal, 1/m",
-                    "stationary points",
-                ],
-                rows,
+            records(
+                found["subtasks"],
+                {
+                    "subtask": lambda s: s["name"],
+                    "metric's eigenvalues over the region": lambda s: (
+                        f"{s['metric']['least_eigenvalue']:.3g} to {s['metric']['largest_eigenvalue']:.3g}"
+                    ),
+                    "positive definite": lambda s: percent(s["metric"]["positive_definite_share"]),
+                    "slope at the goal": lambda s: f"{s['goal']['slope']:.1e}",
+                    "Hessian's eigenvalues at the goal, 1/m": lambda s: numbers(s["goal"]["hessian_eigenvalues"], 1),
+                    "stationary points": lambda s: len(s.get("stationary_points", ())),
+                },
             ),
             table(
                 ["subtask", "kind", "distance from the goal, m", "position, m", "Hessian's eigenvalues, 1/m"],

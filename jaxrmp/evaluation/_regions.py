@@ -24,7 +24,4 @@ def regions(hand: np.ndarray, error: np.ndarray) -> Iterator[tuple[str, np.ndarr
     for low, high in itertools.pairwise(edges):
         inside = (error >= low) & (error < high)
         if inside.any():
-            yield (
-                (f"{low:g} to {high:g} m from the goal" if np.isfinite(high) else f"over {low:g} m from the goal"),
-                inside,
-            )
+            yield f"{f'{low:g} to {high:g}' if np.isfinite(high) else f'over {low:g}'} m from the goal", inside

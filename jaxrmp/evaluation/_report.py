@@ -2,6 +2,7 @@
 
 from typing import Any
 
+import jax
 import numpy as np
 
 from ..learning import Skill
@@ -29,11 +30,9 @@ def report(evaluation: Evaluation, skill: Skill, problem: Problem, *, stationary
     kind, track = evaluation.ends.kind, evaluation.outcomes.track
     N = len(kind)
     touched = track.clearance < 0 if evaluation.engine == "kinematic" else track.touched > 0
-    found: dict[str, Any] = {
-        "starts": N,
-        **_shares(kind),
+    return {
+        **_main_figures(evaluation, np.ones(N, bool)),
         "non_finite": int((kind == End.DIVERGED).sum()),
-        "max_energy_increase": float(evaluation.energy_increase.max()),
         "time_to_converge_s": _quantiles(evaluation.seconds[kind == End.CONVERGED]),
         "spurious_rest_points": rest_points(
             evaluation.outcomes.q, evaluation.ends.points, np.flatnonzero(kind == End.SPURIOUS), N
@@ -41,7 +40,8 @@ def report(evaluation: Evaluation, skill: Skill, problem: Problem, *, stationary
         "limit_stops": _limit_stops(evaluation),
         "min_clearance_m": float(track.clearance.min()),
         "starts_that_touched": int(touched.sum()),
-        "without_touch": _without_touch(evaluation, ~touched),
+        # Of these alone the certificate speaks.
+        "without_touch": None if touched.all() else _main_figures(evaluation, ~touched),
         "min_limit_margin_rad": float(track.margin.min()),
         "starts_that_crossed_a_limit": int((track.margin < 0).sum()),
         "max_joint_speed_rad_s": float(track.speed.max()),
@@ -50,7 +50,6 @@ def report(evaluation: Evaluation, skill: Skill, problem: Problem, *, stationary
         "failing_starts": len(evaluation.failing),
         "stability": stability(evaluation, skill, problem, stationary=stationary),
     }
-    return found
 
 
 def stability(evaluation: Evaluation, skill: Skill, problem: Problem, *, stationary: bool = True) -> dict[str, Any]:
@@ -58,20 +57,12 @@ def stability(evaluation: Evaluation, skill: Skill, problem: Problem, *, station
     K = len(skill.subtasks)
     region = _region(evaluation, K)
     low, high = region.reshape(-1, 3).min(0) - _AROUND, region.reshape(-1, 3).max(0) + _AROUND
-    metrics = learned_metrics(skill.learned, region)
-    goals = goal_hessians(skill.learned)
-    subtasks = [
-        {"name": name, "metric": metric, "goal": goal}
-        for name, metric, goal in zip(skill.subtasks, metrics, goals, strict=True)
-    ]
-    if stationary:
-        for k, subtask in enumerate(subtasks):
-            potential = _subtask(skill.learned.potential_of, k)
-            subtask["stationary_points"] = stationary_points(potential, low, high)
-    return {
-        "subtasks": subtasks,
-        "certificate": _certificate(evaluation),
-    }
+    found = zip(skill.subtasks, learned_metrics(skill.learned, region), goal_hessians(skill.learned), strict=True)
+    subtasks: list[dict[str, Any]] = [{"name": name, "metric": metric, "goal": goal} for name, metric, goal in found]
+    for k, subtask in enumerate(subtasks if stationary else ()):
+        potential = jax.tree.map(lambda a, k=k: a[k], skill.learned.potential_of)
+        subtask["stationary_points"] = stationary_points(potential, low, high)
+    return {"subtasks": subtasks, "certificate": _certificate(evaluation)}
 
 
 def _certificate(evaluation: Evaluation) -> dict[str, Any]:
@@ -93,25 +84,11 @@ def _region(evaluation: Evaluation, K: int) -> np.ndarray:
     return np.concatenate([ends, rng.uniform(low, high, (4096, K, 3))])
 
 
-def _subtask(stacked: Any, k: int) -> Any:
-    import jax
-
-    return jax.tree.map(lambda a: a[k], stacked)
-
-
-def _shares(kind: np.ndarray) -> dict[str, float]:
-    return {name: float((kind == end).mean()) for end, name in KINDS.items()}
-
-
-def _without_touch(evaluation: Evaluation, free: np.ndarray) -> dict[str, Any] | None:
-    """The main figures of the rollouts that touched nothing, which is all that the certificate speaks of."""
-    if not free.any():
-        return None
-    return {
-        "starts": int(free.sum()),
-        **_shares(evaluation.ends.kind[free]),
-        "max_energy_increase": float(evaluation.energy_increase[free].max()),
-    }
+def _main_figures(evaluation: Evaluation, members: np.ndarray) -> dict[str, Any]:
+    """How those rollouts end for which `members` [N] holds, and how much energy they gained."""
+    shares = {name: float((evaluation.ends.kind[members] == end).mean()) for end, name in KINDS.items()}
+    rise = float(evaluation.energy_increase[members].max())
+    return {"starts": int(members.sum()), **shares, "max_energy_increase": rise}
 
 
 def _quantiles(values: np.ndarray) -> dict[str, float] | None:
@@ -140,20 +117,12 @@ def _limit_stops(evaluation: Evaluation) -> list[dict[str, Any]]:
 
 
 def _regions(evaluation: Evaluation) -> list[dict[str, Any]]:
-    kind = evaluation.ends.kind
     found = []
     for name, members in regions(evaluation.start_hand, evaluation.start_error):
-        times = evaluation.seconds[members & (kind == End.CONVERGED)]
-        found.append(
-            {
-                "region": name,
-                "starts": int(members.sum()),
-                **_shares(kind[members]),
-                "time_to_converge_s": _quantiles(times),
-                "max_energy_increase": float(evaluation.energy_increase[members].max()),
-                "min_clearance_m": float(evaluation.outcomes.track.clearance[members].min()),
-            }
-        )
+        times = _quantiles(evaluation.seconds[members & (evaluation.ends.kind == End.CONVERGED)])
+        least = float(evaluation.outcomes.track.clearance[members].min())
+        figures = _main_figures(evaluation, members)
+        found.append({"region": name, **figures, "time_to_converge_s": times, "min_clearance_m": least})
     return found
 
 

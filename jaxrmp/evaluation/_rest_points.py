@@ -4,15 +4,7 @@ from typing import Any
 
 import numpy as np
 
-
-def cluster(points: np.ndarray, radius: float) -> list[np.ndarray]:
-    """Members of each cluster of points [N, m], largest first: everything within `radius` of its first member."""
-    left, found = np.arange(len(points)), []
-    while len(left):
-        near = ~(np.linalg.norm(points[left] - points[left[0]], axis=-1) >= radius)
-        found.append(left[near])
-        left = left[~near]
-    return sorted(found, key=len, reverse=True)
+from ..learning._basin import cluster
 
 
 def rest_points(

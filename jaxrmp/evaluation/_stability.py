@@ -10,10 +10,10 @@ import numpy as np
 
 from .._certificate import certificate, uncertified_leaves
 from .._linalg import cholesky_solve
+from ..learning._basin import cluster
 from ..leaves import Learned
 from ..simulation import Problem
 from ..xla import in_lanes
-from ._rest_points import cluster
 
 _STEPS = 300  # of the search for stationary points
 _TOGETHER = 0.005  # m, within which two stationary points are one
@@ -147,12 +147,8 @@ def _search(potential, x, steps=_STEPS):
             ahead = x - move * jnp.minimum(1, 0.05 / jnp.maximum(length, 1e-12))
             g_ahead = gradient(ahead)
             better = g_ahead @ g_ahead < g @ g
-            carry = (
-                jnp.where(better, ahead, x),
-                jnp.where(better, g_ahead, g),
-                stiffness * jnp.where(better, 0.3, 4.0),
-            )
-            return (carry[0], carry[1], jnp.clip(carry[2], 1e-8, 1e8)), None
+            stiffness = jnp.clip(stiffness * jnp.where(better, 0.3, 4.0), 1e-8, 1e8)
+            return (jnp.where(better, ahead, x), jnp.where(better, g_ahead, g), stiffness), None
 
         (x, g, _), _ = jax.lax.scan(step, (x, gradient(x), jnp.asarray(1.0, x.dtype)), length=steps)
         return x, g, hessian(x)

@@ -2,13 +2,12 @@
 
 from collections.abc import Callable
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 
 from .._errors import ConfigurationError, ShapeError
 from ..simulation import Problem
-from ..xla import in_lanes
+from ..simulation._judge import clearances
+from ._ends import by_blocks
 
 _BLOCK = 1024  # draws at a time; part of what a seed means
 _DRAWS = 200  # blocks in a row without a free configuration until giving up
@@ -68,9 +67,7 @@ def check_starts(problem: Problem, starts: np.ndarray) -> np.ndarray:
         raise ConfigurationError(
             f"start {i} (and {outside.sum() - 1} more) is outside the joint limits: {np.round(starts[i], 4).tolist()}."
         )
-    clearance = np.concatenate(
-        [_clearances(problem, block) for block in np.array_split(starts, -(-len(starts) // 1024))]
-    )
+    clearance = _clearances(problem, starts)
     if (clearance <= 0).any():
         i = int(np.argmin(clearance))
         raise ConfigurationError(
@@ -101,10 +98,4 @@ def _free(problem: Problem, count: int, draw: Callable[[np.random.Generator], np
 def _clearances(problem: Problem, q: np.ndarray) -> np.ndarray:
     if not problem.distances:
         return np.full(len(q), np.inf)
-    padded = np.concatenate([q, np.repeat(q[:1], _BLOCK - len(q), axis=0)])  # one shape, one program
-    return np.asarray(_compiled_clearances(problem, padded))[: len(q)]
-
-
-@jax.jit
-def _compiled_clearances(problem: Problem, q: jax.Array) -> jax.Array:
-    return jax.vmap(in_lanes(Problem.clearance), in_axes=(None, 0))(problem, jnp.asarray(q, jnp.float32))
+    return by_blocks(lambda block: (clearances(problem, block),), q, _BLOCK)[0]

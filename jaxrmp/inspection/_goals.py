@@ -5,7 +5,7 @@ import jax.numpy as jnp
 
 from .._pytree import pytree, static
 from .._tree import Node
-from .._visitor import Visitor, at_points
+from .._visitor import Gather
 from ._rows import names_of_points
 
 
@@ -38,23 +38,15 @@ def goals(tree: Node, q: jax.Array) -> Goals:
     return Goals(gaps, tuple(name for part in found for name in part.names))
 
 
-class _GoalsOfLeaves(Visitor):
-    """Lists of `Goals` at a position."""
+class _GoalsOfLeaves(Gather):
+    """`Goals` at a position."""
 
     def visit_leaf(self, leaf, state):
-        return [Goals(leaf.gap(state)[None], (leaf.name,))] if leaf.has_goal else []
-
-    def visit_sum(self, nodes, state):
-        return [part for node in nodes for part in node.accept(self, state)]
+        return (Goals(leaf.gap(state)[None], (leaf.name,)),) if leaf.has_goal else ()
 
     def visit_pullback(self, task_map, node, state):
-        return node.accept(self, task_map(state)) if any(leaf.has_goal for leaf in node.leaves()) else []
+        return node.accept(self, task_map(state)) if any(leaf.has_goal for leaf in node.leaves()) else ()
 
     def visit_batched(self, node, shared, state):
-        return [_point_by_point(part) for part in at_points(self, node, shared, state)]
-
-
-def _point_by_point(part: Goals) -> Goals:
-    """Gaps [K, R] of K points as K R gaps."""
-    K = part.gap.shape[0]
-    return Goals(part.gap.reshape(-1), names_of_points(part.names, K))
+        found = super().visit_batched(node, shared, state)  # gaps [K, R] of K points, which are K R gaps
+        return tuple(Goals(part.gap.reshape(-1), names_of_points(part.names, len(part.gap))) for part in found)

@@ -52,18 +52,16 @@ def inspect(tree: Node, q: jax.Array, qd: jax.Array, method: Method = "cholesky"
     (('posture', 'damping'), [1.0, 0.0])
     """
     groups = tree.accept(RowsOfLeaves(), (q, qd))
-    f, M = (jnp.concatenate([getattr(rows, name) for rows in groups]) for name in ("f", "M"))
+    names = ("f", "M", "gap", "energy", "dissipation")
+    found = {name: jnp.concatenate([getattr(rows, name) for rows in groups]) for name in names}
+    f, M = found["f"], found["M"]
     size = length(f)
     trace = jnp.trace(M, axis1=-2, axis2=-1)
     return Inspection(
-        f=f,
-        M=M,
+        **found,
         acceleration=resolve(NaturalForm(f, M.sum(0)), method),
         force_share=_share(size, size.sum()),
         metric_share=_share(trace, trace.sum()),
-        gap=jnp.concatenate([rows.gap for rows in groups]),
-        energy=jnp.concatenate([rows.energy for rows in groups]),
-        dissipation=jnp.concatenate([rows.dissipation for rows in groups]),
         x=tuple(x for rows in groups for x in rows.x),
         xd=tuple(xd for rows in groups for xd in rows.xd),
         names=tuple(name for rows in groups for name in rows.names),

@@ -9,7 +9,7 @@ import numpy as np
 
 from .._pytree import pytree, static
 from .._task_map import pushforward
-from .._visitor import Visitor, at_points, scaled
+from .._visitor import Gather, scaled
 
 
 @pytree
@@ -33,31 +33,28 @@ class Rows:
     at: tuple[tuple[int, ...], ...] = static(default=())
 
 
-class RowsOfLeaves(Visitor):
-    """The leaves below a node, in order, with their forms on its space: lists of `Rows`."""
+class RowsOfLeaves(Gather):
+    """The leaves below a node, with their forms on its space, as `Rows`."""
 
     def visit_leaf(self, leaf, state):
         form, energy, dissipation = leaf.measure(*state)
         form = form.dense()
         values = (form.f, form.M, *state, energy, dissipation, leaf.gap(state[0]))
-        return [Rows(*(a[None] for a in values), names=(leaf.name,), certified=leaf.certified)]
-
-    def visit_sum(self, nodes, state):
-        return [rows for node in nodes for rows in node.accept(self, state)]
+        return (Rows(*(a[None] for a in values), names=(leaf.name,), certified=leaf.certified),)
 
     def visit_pullback(self, task_map, node, state):
         there = pushforward(task_map, *state)
-        return [_pulled_back(rows, there, state[0].ndim) for rows in node.accept(self, (there.y, there.yd))]
+        return tuple(_pulled_back(rows, there, state[0].ndim) for rows in node.accept(self, (there.y, there.yd)))
 
     def visit_batched(self, node, shared, state):
-        return [_point_by_point(rows) for rows in at_points(self, node, shared, state)]
+        return tuple(map(_point_by_point, super().visit_batched(node, shared, state)))
 
     def visit_scaled(self, node, share, state):
-        names = ("f", "M", "energy", "dissipation")
-        return [
-            replace(rows, **scaled({name: getattr(rows, name) for name in names}, share))
-            for rows in node.accept(self, state)
-        ]
+        def part(rows):
+            names = ("f", "M", "energy", "dissipation")
+            return replace(rows, **scaled({name: getattr(rows, name) for name in names}, share))
+
+        return tuple(map(part, node.accept(self, state)))
 
 
 def _pulled_back(rows: Rows, there, domain_axes: int) -> Rows:

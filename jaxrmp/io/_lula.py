@@ -13,20 +13,11 @@ from .._pytree import pytree, static
 from .._tree import Batched, Leaf, Node, batched, pullback
 from .._trust_region import resolve_within
 from ..kinematics import ControlPoints, FrameAxes, Robot, load_robot
-from ..leaves.lula import (
-    AxisTarget,
-    Collision,
-    CSpaceTarget,
-    Inertia,
-    JointLimit,
-    JointVelocityCap,
-    PositionTarget,
-    SpeedDamping,
-)
-from ..world import Capsules, ObstacleDistances, RobotSpheres, Spheres, World
+from ..leaves import lula
+from ..world import ObstacleDistances, RobotSpheres, Spheres, World
 from ._axes_and_position import AxesAndPosition
 from ._rmpflow_yaml import RmpflowSettings, read_rmpflow
-from ._xrdf import read_xrdf
+from ._xrdf import Xrdf, read_xrdf
 
 
 @pytree
@@ -43,18 +34,18 @@ class LulaPolicy:
     """
 
     robot: Robot
-    cspace_target: CSpaceTarget
-    cspace_inertia: Inertia
-    joint_limit: JointLimit
-    joint_velocity_cap: JointVelocityCap
-    position_target: PositionTarget
-    axis_target: AxisTarget
-    collision: Collision
-    self_collision: Collision
-    point_cloud_collision: Collision | None
+    cspace_target: lula.CSpaceTarget
+    cspace_inertia: lula.Inertia
+    joint_limit: lula.JointLimit
+    joint_velocity_cap: lula.JointVelocityCap
+    position_target: lula.PositionTarget
+    axis_target: lula.AxisTarget
+    collision: lula.Collision
+    self_collision: lula.Collision
+    point_cloud_collision: lula.Collision | None
     point_cloud_margin: jax.Array | float
-    damping: SpeedDamping
-    damping_inertia: Inertia
+    damping: lula.SpeedDamping
+    damping_inertia: lula.Inertia
     spheres: RobotSpheres
     controllers: RobotSpheres
     base: World
@@ -86,15 +77,21 @@ class LulaPolicy:
         **Raises** `ShapeError`, `UnknownNameError` for a frame, `ConfigurationError` for an axis target that is not of
         unit length, a point cloud that the files have no leaf for, or one larger than they allow.
         """
-        node = self._joint_leaves(cspace_target)
-        axes = {0: x_axis_target, 1: y_axis_target, 2: z_axis_target}
-        axes = {
-            axis: _unit(target, f"{'xyz'[axis]}_axis_target") for axis, target in axes.items() if target is not None
-        }
+        posture = self.cspace_target
+        if cspace_target is not None:
+            target = _vector(cspace_target, self.robot.num_joints, "cspace_target")
+            posture = dataclasses.replace(posture, target=target)
+        node: Node = posture + self.cspace_inertia + self.joint_limit + self.joint_velocity_cap
+        given = enumerate((x_axis_target, y_axis_target, z_axis_target))
+        axes = {a: _unit(target, f"{'xyz'[a]}_axis_target") for a, target in given if target is not None}
         if position_target is not None:
             position_target = _vector(position_target, 3, "position_target")
         if axes or position_target is not None:
-            node += self._frame_leaves(self._target_frame(frame), position_target, axes)
+            frame = frame or self.frame
+            if frame is None:
+                raise ConfigurationError("the XRDF has no tool_frames: say which frame the targets are for, frame=...")
+            self.robot.frame_index(frame)
+            node += self._frame_leaves(frame, position_target, axes)
         if self.controllers.size and self.base.size:
             node += self._avoid(self.controllers, self.base, self.self_collision)
         if world is not None and world.size and self.spheres.size:
@@ -111,39 +108,20 @@ class LulaPolicy:
         """
         return resolve_within(tree(q, qd), self.max_acceleration_norm, self.projection_tolerance)
 
-    def _joint_leaves(self, cspace_target) -> Node:
-        posture = self.cspace_target
-        if cspace_target is not None:
-            target = _vector(cspace_target, self.robot.num_joints, "cspace_target")
-            posture = dataclasses.replace(posture, target=target)
-        return posture + self.cspace_inertia + self.joint_limit + self.joint_velocity_cap
-
-    def _target_frame(self, frame: str | None) -> str:
-        frame = frame or self.frame
-        if frame is None:
-            raise ConfigurationError("the XRDF has no tool_frames: say which frame the targets are for, frame=...")
-        self.robot.frame_index(frame)
-        return frame
-
     def _frame_leaves(self, frame: str, position_target, axes: dict[int, jax.Array]) -> Node:
         here: Node = self.damping + self.damping_inertia
         if position_target is not None:
             here = dataclasses.replace(self.position_target, target=position_target) + here
         node: Node = pullback(ControlPoints(self.robot, (frame,)), Batched(here, shared=True))
         if axes:
-            turns = batched(
-                *(
-                    dataclasses.replace(self.axis_target, target=target, position_target=position_target)
-                    for target in axes.values()
-                )
-            )
+            leaf = dataclasses.replace(self.axis_target, position_target=position_target)
+            turns = (dataclasses.replace(leaf, target=target) for target in axes.values())
             space = FrameAxes if position_target is None else AxesAndPosition
-            node += pullback(space(self.robot, frame, tuple(axes)), turns)
+            node += pullback(space(self.robot, frame, tuple(axes)), batched(*turns))
         return node
 
     def _avoid(self, spheres: RobotSpheres, world: World, leaf: Leaf) -> Node:
-        distances = ObstacleDistances(spheres.points(self.robot), world, spheres.radii)
-        return pullback(distances, leaf)
+        return pullback(ObstacleDistances(spheres.points(self.robot), world, spheres.radii), leaf)
 
     def _point_cloud_leaf(self, points) -> Node:
         if self.point_cloud_collision is None:
@@ -158,9 +136,8 @@ class LulaPolicy:
                 f"point_cloud has {len(points)} points, max_num_obstacles of the file allows {self.max_num_points}. "
                 "Thin it out, or raise the number."
             )
-        radius = jnp.full(points.shape[:1], self.point_cloud_margin, points.dtype)
-        world = World(spheres=Spheres(points, radius))
-        return self._avoid(self.spheres, world, self.point_cloud_collision)
+        cloud = Spheres(points, jnp.full(points.shape[:1], self.point_cloud_margin, points.dtype))
+        return self._avoid(self.spheres, World(spheres=cloud), self.point_cloud_collision)
 
 
 def load_lula(urdf: str | os.PathLike, xrdf: str | os.PathLike, rmpflow_yaml: str | os.PathLike) -> LulaPolicy:
@@ -193,47 +170,44 @@ def load_lula(urdf: str | os.PathLike, xrdf: str | os.PathLike, rmpflow_yaml: st
             f"{xrdf}: joints {free} of {urdf} are neither in cspace nor in default_joint_positions. "
             "Give them a position."
         )
-    description.check_frames(robot.frame_names)
     settings = read_rmpflow(rmpflow_yaml, len(description.joint_names))
-    for name, setting in settings.controller_lines.items():
-        if name not in robot.frame_names:
-            hint = f"{setting.source} names it in line {setting.line}."
-            raise UnknownNameError("frame", name, robot.frame_names, hint)
+    for name, setting in (*description.lines.items(), *settings.controller_lines.items()):
+        hint = f"{setting.source} names it in line {setting.line}."
+        UnknownNameError.check("frame", name, robot.frame_names, hint)
 
-    order = [description.joint_names.index(name) for name in robot.joint_names]
-    posture = np.array([defaults[name] for name in robot.joint_names])
-    return _policy(robot, posture, description.world_spheres, description.tool_frames, settings, order)
+    return _policy(robot, description, settings)
 
 
-def _policy(robot, posture, spheres, tool_frames, settings: RmpflowSettings, order) -> LulaPolicy:
+def _policy(robot: Robot, description: Xrdf, settings: RmpflowSettings) -> LulaPolicy:
+    posture = np.array([description.default_joint_positions[name] for name in robot.joint_names])
+    buffers = settings.joint_limit_buffers[[description.joint_names.index(name) for name in robot.joint_names]]
     gains = {name: dict(section) for name, section in settings.gains.items()}
-    buffers = settings.joint_limit_buffers[order]
     cspace_inertia, damping_inertia = gains["cspace_target_rmp"].pop("inertia"), gains["damping_rmp"].pop("inertia")
     cloud = gains.get("point_cloud_obstacle_rmp")
     margin, most = (cloud.pop("margin"), int(cloud.pop("max_num_obstacles"))) if cloud else (0.0, 0)
     count = len(settings.controllers)
     return LulaPolicy(
         robot=robot,
-        cspace_target=CSpaceTarget(posture, **gains["cspace_target_rmp"]),
-        cspace_inertia=Inertia(cspace_inertia, name="cspace_inertia"),
-        joint_limit=JointLimit(robot.lower + buffers, robot.upper - buffers, **gains["joint_limit_rmp"]),
-        joint_velocity_cap=JointVelocityCap(**gains["joint_velocity_cap_rmp"]),
-        position_target=PositionTarget(np.zeros(3), **gains["target_rmp"]),
-        axis_target=AxisTarget(np.zeros(3), **gains["axis_target_rmp"]),
-        collision=Collision(**gains["collision_rmp"]),
-        self_collision=Collision(**gains["collision_rmp"], name="self_collision"),
-        point_cloud_collision=Collision(**cloud, name="point_cloud_collision") if cloud else None,
+        cspace_target=lula.CSpaceTarget(posture, **gains["cspace_target_rmp"]),
+        cspace_inertia=lula.Inertia(cspace_inertia, name="cspace_inertia"),
+        joint_limit=lula.JointLimit(robot.lower + buffers, robot.upper - buffers, **gains["joint_limit_rmp"]),
+        joint_velocity_cap=lula.JointVelocityCap(**gains["joint_velocity_cap_rmp"]),
+        position_target=lula.PositionTarget(np.zeros(3), **gains["target_rmp"]),
+        axis_target=lula.AxisTarget(np.zeros(3), **gains["axis_target_rmp"]),
+        collision=lula.Collision(**gains["collision_rmp"]),
+        self_collision=lula.Collision(**gains["collision_rmp"], name="self_collision"),
+        point_cloud_collision=lula.Collision(**cloud, name="point_cloud_collision") if cloud else None,
         point_cloud_margin=margin,
-        damping=SpeedDamping(**gains["damping_rmp"]),
-        damping_inertia=Inertia(damping_inertia, name="damping_inertia"),
-        spheres=spheres,
+        damping=lula.SpeedDamping(**gains["damping_rmp"]),
+        damping_inertia=lula.Inertia(damping_inertia, name="damping_inertia"),
+        spheres=description.world_spheres,
         controllers=RobotSpheres(
             tuple(settings.controllers), np.zeros((count, 3)), np.array(list(settings.controllers.values()))
         ),
-        base=World(capsules=Capsules(*settings.capsules)),
+        base=World(capsules=settings.capsules),
         max_acceleration_norm=settings.max_acceleration_norm,
         projection_tolerance=settings.projection_tolerance,
-        frame=tool_frames[0] if tool_frames else None,
+        frame=next(iter(description.tool_frames), None),
         max_num_points=most,
         inactive=settings.inactive,
     )

@@ -7,6 +7,7 @@ import numpy as np
 
 from .._ranges import ranges_of
 from ..leaves import lula
+from ..world import Capsules
 from ._yaml import Setting, read_yaml
 
 # The leaf that a section of `rmp_params` stands for, whose gains are its keys, and the keys that it has besides.
@@ -29,25 +30,18 @@ _POSITIVE_ENDINGS = ("_length_scale", "_std_dev", "_eps", "_thresh", "_radius", 
 _FLAGS = {"target_rmp": ("accept_user_weights",), "axis_target_rmp": ("accept_user_weights",)}
 
 
-class BaseCapsules(NamedTuple):
-    """Capsules fixed in the robot's base frame: ends `start`, `end` [n, 3], m, and `radius` [n], m."""
-
-    start: np.ndarray
-    end: np.ndarray
-    radius: np.ndarray
-
-
 class RmpflowSettings(NamedTuple):
     """What an RMPflow configuration says.
 
-    `gains[section][key]` are the constants; `controllers` are the frames, with radii, that keep off the `capsules`.
+    `gains[section][key]` are the constants; `controllers` are the frames, with radii, that keep off the `capsules`,
+    which are fixed in the robot's base frame.
     """
 
     joint_limit_buffers: np.ndarray
     gains: dict[str, dict[str, float]]
     max_acceleration_norm: float
     projection_tolerance: float
-    capsules: BaseCapsules
+    capsules: Capsules
     controllers: dict[str, float]
     controller_lines: dict[str, Setting]
     inactive: tuple[str, ...]
@@ -101,11 +95,7 @@ def read_rmpflow(path: str | os.PathLike, num_joints: int) -> RmpflowSettings:
         gains,
         limit,
         tolerance,
-        BaseCapsules(
-            np.array([end["pt1"].numbers(3) for end in ends]).reshape(-1, 3),
-            np.array([end["pt2"].numbers(3) for end in ends]).reshape(-1, 3),
-            np.array([_constant(end["radius"]) for end in ends]),
-        ),
+        Capsules.of((end["pt1"].numbers(3), end["pt2"].numbers(3), _constant(end["radius"])) for end in ends),
         controllers,
         lines,
         tuple(inactive),

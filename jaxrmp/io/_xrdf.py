@@ -19,12 +19,6 @@ class Xrdf(NamedTuple):
     world_spheres: RobotSpheres
     lines: dict[str, Setting]  # where a frame was named, for errors
 
-    def check_frames(self, valid: tuple[str, ...]) -> None:
-        """**Raises** `UnknownNameError` if the description names a frame that the robot does not have."""
-        for frame, setting in self.lines.items():
-            if frame not in valid:
-                raise UnknownNameError("frame", frame, valid, f"{setting.source} names it in line {setting.line}.")
-
 
 def read_xrdf(path: str | os.PathLike) -> Xrdf:
     """Read an XRDF file of format version 1 or 2.
@@ -82,8 +76,7 @@ def _world_spheres(keys: dict[str, Setting], lines: dict[str, Setting]) -> Robot
 def _spheres(geometry: Setting, name: Setting, lines: dict[str, Setting], within: tuple[str, ...]):
     """Each (frame, sphere) of a named geometry, those of the geometries that it clones first."""
     sets = geometry.section()
-    if name.text() not in sets:
-        raise UnknownNameError("geometry", name.text(), sets, f"{name.source} names it in line {name.line}.")
+    UnknownNameError.check("geometry", name.text(), sets, f"{name.source} names it in line {name.line}.")
     if name.text() in within:
         raise ConfigurationError(f"{name.source}: key {name.key}, line {name.line}: geometry clones itself.")
     entries = sets[name.text()].keys([], ["spheres", "clone"])

@@ -11,7 +11,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, NoReturn
 
-from .._errors import ConfigurationError, MissingDependencyError, UnknownNameError
+from .._errors import ConfigurationError, UnknownNameError, importing
 
 
 @dataclasses.dataclass(frozen=True)
@@ -99,10 +99,8 @@ _BOOLEANS = {"true": True, "yes": True, "on": True, "false": False, "no": False,
 
 def read_yaml(path: str | os.PathLike) -> Setting:
     """Read a YAML file. **Raises** `ConfigurationError` if it cannot be read, or names a key twice."""
-    try:
+    with importing("PyYAML", "formats"):
         import yaml
-    except ImportError as error:
-        raise MissingDependencyError("PyYAML", "formats") from error
     source = str(path)
     try:
         # The base loader leaves every scalar as it is written.

@@ -1,6 +1,5 @@
 """The task map from joint positions to points on the robot."""
 
-from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import jax
@@ -9,7 +8,7 @@ import numpy as np
 
 from .._errors import ShapeError
 from .._forms import NaturalForm
-from .._pytree import pytree, set_field, static
+from .._pytree import as_floats, pytree, set_field, static
 from .._task_map import Pushforward, TaskMap, Transport
 from ..xla import concatenated, one_loop
 from ._forward import configuration
@@ -64,8 +63,7 @@ class ControlPoints(TaskMap):
             self.robot.frame_index(name)
         offsets: Any = self.offsets
         if offsets is not None:
-            if not isinstance(offsets, jax.Array):
-                offsets = np.asarray(offsets, dtype=float)
+            offsets = as_floats(offsets)
             if offsets.ndim == 2 and not several:
                 frames *= offsets.shape[0]
             if offsets.shape != (len(frames), 3):
@@ -78,7 +76,7 @@ class ControlPoints(TaskMap):
     def __call__(self, x):
         x = configuration(self.robot, x)
         motions, _ = self._point_motions(x, None)
-        return self._in_order([rows(motion.position, (len(k),), x.dtype) for _, k, motion in motions])
+        return self._ordered(jnp.concatenate([rows(motion.position, (len(k),), x.dtype) for _, k, motion in motions]))
 
     def pushforward(self, x, xd):
         x, xd = configuration(self.robot, x), configuration(self.robot, xd, "xd")
@@ -145,9 +143,6 @@ class ControlPoints(TaskMap):
                 for pose, own in zip(poses, owns, strict=True)
             ]
         return [(frame.body, k, pose) for (frame, k), pose in zip(frames, poses, strict=True)], axes
-
-    def _in_order(self, groups: Sequence[jax.Array]) -> jax.Array:
-        return self._ordered(groups[0] if len(groups) == 1 else jnp.concatenate(groups))
 
     def _ordered(self, joined: jax.Array) -> jax.Array:
         """What is joined from the frames' groups, in the points' order."""

@@ -22,8 +22,7 @@ def resolve_couplings(
 
     value_of_root: dict[int, float] = {}
     for name, value in fixed.items():
-        if name not in index:
-            raise UnknownNameError("joint", name, index)
+        UnknownNameError.check("joint", name, index)
         i = index[name]
         value = float(value)
         if not math.isfinite(value):

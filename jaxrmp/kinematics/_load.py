@@ -12,7 +12,7 @@ import numpy as np
 from .._errors import RobotError
 from .._rotations import rotation_of_quaternion
 from ._couplings import resolve_couplings
-from ._mujoco import import_mujoco
+from ._mujoco import import_mujoco, read_spec
 from ._robot import Body, Frame, Joint, KinematicModel, Robot
 
 _NOT_KINEMATIC = (
@@ -34,16 +34,8 @@ def load_robot(path: str | os.PathLike, *, fixed: Mapping[str, float] | None = N
     **Raises** `RobotError` if the file cannot be read or holds a ball, free or planar joint, a closed loop, or a
     non-linear coupling; `UnknownNameError` if `fixed` names a joint that is not there.
     """
-    mujoco = import_mujoco()
-    path = Path(path)
-    if not path.is_file():
-        raise RobotError(f"{path}: there is no such file. Give the path of an MJCF or URDF file.")
-    try:
-        text = path.read_bytes()
-        spec = mujoco.MjSpec.from_file(str(path))
-    except (OSError, ValueError) as error:
-        raise RobotError(f"{path} cannot be read as MJCF or URDF: {error}") from error
-    return _robot_of_spec(mujoco, spec, text, str(path), fixed, name, str(path.resolve()))
+    spec, path = read_spec(path), Path(path)
+    return _robot_of_spec(import_mujoco(), spec, path.read_bytes(), str(path), fixed, name, str(path.resolve()))
 
 
 def load_robot_from_string(xml: str, *, fixed: Mapping[str, float] | None = None, name: str | None = None) -> Robot:
@@ -118,11 +110,8 @@ def _strip(mujoco, spec) -> list[tuple[str, tuple[str, str]]]:
 def _joint(mujoco, m, i: int, bodies, source: str) -> Joint:
     body = int(m.jnt_bodyid[i])
     name = m.joint(i).name or f"joint_{i}"
-    kinds: dict[int, Any] = {
-        int(mujoco.mjtJoint.mjJNT_HINGE): "revolute",
-        int(mujoco.mjtJoint.mjJNT_SLIDE): "prismatic",
-    }
-    kind = kinds.get(int(m.jnt_type[i]))
+    kinds: dict[Any, Any] = {mujoco.mjtJoint.mjJNT_HINGE: "revolute", mujoco.mjtJoint.mjJNT_SLIDE: "prismatic"}
+    kind = kinds.get(mujoco.mjtJoint(m.jnt_type[i]))
     if kind is None:
         what = "free" if m.jnt_type[i] == mujoco.mjtJoint.mjJNT_FREE else "ball"
         raise RobotError(

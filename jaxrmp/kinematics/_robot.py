@@ -9,7 +9,7 @@ import jax
 import numpy as np
 
 from .._errors import ShapeError, UnknownNameError
-from .._pytree import pytree, set_field, static
+from .._pytree import as_floats, pytree, set_field, static
 
 Vector = tuple[float, float, float]
 Rotation = tuple[float, float, float, float, float, float, float, float, float]
@@ -51,7 +51,7 @@ class Frame(NamedTuple):
     rotation: Rotation
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
+@dataclasses.dataclass(frozen=True, repr=False)
 class KinematicModel:
     """The structure of a robot, as hashable Python numbers: JAX compiles it into the program.
 
@@ -63,7 +63,8 @@ class KinematicModel:
     bodies: tuple[Body, ...]
     joints: tuple[Joint, ...]
     frames: tuple[Frame, ...]
-    source: str | None = None  # the file it was read from, where its geometry is; no part of what makes models equal
+    # The file it was read from, where its geometry is; no part of what makes models equal.
+    source: str | None = dataclasses.field(default=None, compare=False)
 
     @functools.cached_property
     def fingerprint(self) -> str:
@@ -94,22 +95,11 @@ class KinematicModel:
         return tuple(reversed(chain))
 
     @functools.cached_property
-    def _content(self):
-        return self.name, self.joint_names, self.bodies, self.joints, self.frames
-
-    @functools.cached_property
     def _hash(self) -> int:
         return int(self.fingerprint, 16)
 
     def __hash__(self) -> int:
         return self._hash
-
-    def __eq__(self, other: object) -> bool:
-        if self is other:
-            return True
-        if not isinstance(other, KinematicModel):
-            return NotImplemented
-        return self._hash == other._hash and self._content == other._content
 
     def __repr__(self) -> str:
         return f"KinematicModel({self.name!r}, {len(self.bodies)} bodies, {len(self.joints)} joints)"
@@ -140,10 +130,8 @@ class Robot:
 
     def __post_init__(self):
         for name in ("lower", "upper", "velocity_limit"):
-            value = getattr(self, name)
-            if not isinstance(value, jax.Array):
-                value = np.asarray(value, dtype=float)
-                set_field(self, name, value)
+            value = as_floats(getattr(self, name))
+            set_field(self, name, value)
             if value.shape != (self.num_joints,):
                 raise ShapeError(f"{name} has shape {value.shape}, expected ({self.num_joints},): one per joint.")
 
@@ -191,17 +179,14 @@ class Robot:
 
     def frame_index(self, name: str) -> int:
         """Index of the frame called `name`. **Raises** `UnknownNameError`."""
-        index = self.model.frame_of_name.get(name)
-        if index is None:
-            raise UnknownNameError("frame", name, self.frame_names)
-        return index
+        UnknownNameError.check("frame", name, self.model.frame_of_name)
+        return self.model.frame_of_name[name]
 
     def joint_index(self, name: str) -> int:
         """Coordinate of the independent joint called `name`. **Raises** `UnknownNameError`."""
-        if name not in self.joint_names:
-            dependent = [j for j in self.model.joints if j.name == name]
-            hint = "" if not dependent else "This joint is locked or follows another one, so it has no coordinate."
-            raise UnknownNameError("joint", name, self.joint_names, hint)
+        dependent = any(j.name == name for j in self.model.joints)
+        hint = "This joint is locked or follows another one, so it has no coordinate." if dependent else ""
+        UnknownNameError.check("joint", name, self.joint_names, hint)
         return self.joint_names.index(name)
 
     def __repr__(self) -> str:

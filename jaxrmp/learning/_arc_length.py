@@ -5,7 +5,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._errors import MissingDependencyError, ShapeError, UnknownNameError
+from .._errors import ShapeError, UnknownNameError, importing
 
 
 def resample_by_arc_length(
@@ -45,8 +45,6 @@ def resample_by_arc_length(
 
 def cubic_spline(t: np.ndarray, x: np.ndarray, at: np.ndarray) -> np.ndarray:
     """The cubic spline through `x` [T, n] at strictly increasing `t` [T], evaluated at `at` [S]."""
-    try:
+    with importing("scipy", "learning"):
         from scipy.interpolate import CubicSpline
-    except ImportError as error:
-        raise MissingDependencyError("scipy", "learning") from error
     return CubicSpline(t, x, axis=0)(at)

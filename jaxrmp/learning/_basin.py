@@ -62,11 +62,16 @@ def check_basin(
     steps = int(np.ceil(1.5 * np.linalg.norm(upper - lower) / step / 50) * 50)  # in fifties, to compile seldom
     ends = np.asarray(descend(potential, jnp.asarray(x, jnp.float32), step, steps, 40))
     astray = ends[~(np.linalg.norm(ends, axis=-1) < tolerance)]
-    rest_points = []
-    left = astray
+    groups = cluster(astray, 2 * tolerance)
+    rest_points = tuple((tuple(float(v) for v in astray[g].mean(0)), len(g) / starts) for g in groups)
+    return Basin(starts, 1 - len(astray) / starts, rest_points)
+
+
+def cluster(points: np.ndarray, radius: float) -> list[np.ndarray]:
+    """Members of each cluster of points [N, m], largest first: everything within `radius` of its first member."""
+    left, found = np.arange(len(points)), []
     while len(left):
-        near = ~(np.linalg.norm(left - left[0], axis=-1) >= 2 * tolerance)
-        rest_points.append((tuple(float(v) for v in left[near].mean(0)), float(near.sum()) / starts))
+        near = ~(np.linalg.norm(points[left] - points[left[0]], axis=-1) >= radius)
+        found.append(left[near])
         left = left[~near]
-    rest_points.sort(key=lambda point: -point[1])
-    return Basin(starts, 1 - len(astray) / starts, tuple(rest_points))
+    return sorted(found, key=len, reverse=True)

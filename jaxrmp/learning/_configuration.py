@@ -39,7 +39,7 @@ class TargetSettings:
 
 @settings("potential")
 class PotentialSettings:
-    """How the potential is fitted and its kernel width chosen; arguments as `choose_potential`."""
+    """How the potential is fitted and its width chosen; arguments as `choose_potential` and `fit_potential`."""
 
     widths: Positive[tuple[float, ...]] = (0.02, 0.03, 0.04, 0.05, 0.06, 0.08)
     sharpness: Positive[float] = 30.0
@@ -70,9 +70,8 @@ class MetricSettings:
     reach: NonNegative[float] = 0.05
 
     def __post_init__(self):
-        for name, valid in (("activation", ACTIVATIONS), ("loss", LOSSES)):
-            if getattr(self, name) not in valid:
-                raise UnknownNameError(name, getattr(self, name), valid)
+        UnknownNameError.check("activation", self.activation, ACTIVATIONS)
+        UnknownNameError.check("loss", self.loss, LOSSES)
 
 
 @settings("policy")
@@ -90,8 +89,7 @@ class PolicySettings:
         for gains, leaf, given in ((self.joint_damping, Damping, {}), (self.joint_limit, JointLimit, _SOME_RANGE)):
             known = [f.name for f in fields(leaf) if f.name not in given and not f.metadata.get("static")]
             for name in gains:
-                if name not in known:
-                    raise UnknownNameError(f"gain of {leaf.__name__}", name, known)
+                UnknownNameError.check(f"gain of {leaf.__name__}", name, known)
             leaf(**given, **gains)
 
 

@@ -1,6 +1,7 @@
 """Configurations as TOML files and as plain data: read with every mistake named, and written back."""
 
 import dataclasses
+import json
 import tomllib
 import typing
 from collections.abc import Mapping
@@ -32,30 +33,22 @@ def load_configuration(path: str | Path, overrides: Mapping[str, Any] | None = N
         table: Any = content
         for section in sections:
             table = _section(table, section, key)
+        if isinstance(table, list):
+            raise ConfigurationError(f"{key!r} does not name a value: {last!r} is a section.")
         table[last] = value
     return configuration_from_dict(content)
 
 
-def _section(table: dict[str, Any], section: str, key: str) -> dict[str, Any]:
-    """The section of a table, made if need be; of a list of named tables, as `subtasks` is, a dict of them by name."""
+def _section(table: Any, section: str, key: str) -> Any:
+    """The section of a table, made if need be; of a list of named tables, as `subtasks` is, the one of that name."""
+    if isinstance(table, list):
+        named = {str(entry["name"]): entry for entry in table if isinstance(entry, dict) and "name" in entry}
+        UnknownNameError.check("subtask", section, named)
+        return named[section]
     inner = table.setdefault(section, {})
-    if isinstance(inner, list) and all(isinstance(entry, dict) for entry in inner):
-        return _Named(inner)
-    if not isinstance(inner, dict):
+    if not all(isinstance(entry, dict) for entry in (inner if isinstance(inner, list) else [inner])):
         raise ConfigurationError(f"{key!r} does not name a value: {section!r} is no section.")
     return inner
-
-
-class _Named(dict):
-    """A list of tables seen by their names."""
-
-    def __init__(self, tables: list[dict[str, Any]]):
-        super().__init__({str(table.get("name")): table for table in tables})
-
-    def setdefault(self, key, default=None):
-        if key not in self:
-            raise UnknownNameError("subtask", key, self)
-        return self[key]
 
 
 def configuration_from_dict(content: Mapping[str, Any]) -> Configuration:
@@ -72,20 +65,19 @@ def _build(kind: Any, value: Any, where: str) -> Any:
         types_of = typing.get_type_hints(kind)
         known = [f.name for f in dataclasses.fields(kind)]
         for key in value:
-            if key not in known:
-                raise UnknownNameError(f"configuration key in {where or 'the configuration'}", key, known)
+            UnknownNameError.check(f"configuration key in {where or 'the configuration'}", key, known)
+        prefix = f"{where}." if where else ""
         for f in dataclasses.fields(kind):
             required = f.default is dataclasses.MISSING and f.default_factory is dataclasses.MISSING
             if required and f.name not in value:
-                raise ConfigurationError(f"{where + '.' if where else ''}{f.name} is missing.")
-        prefix = f"{where}." if where else ""
+                raise ConfigurationError(f"{prefix}{f.name} is missing.")
         return kind(**{key: _build(types_of[key], v, prefix + key) for key, v in value.items()})  # type: ignore[operator]
     if origin is tuple and isinstance(value, list | tuple):
         if arguments[-1] is not Ellipsis and len(value) != len(arguments):
             raise ConfigurationError(f"{where} is {value!r}, expected {len(arguments)} entries.")
         kinds = [arguments[0]] * len(value) if arguments[-1] is Ellipsis else arguments
         return tuple(_build(k, v, f"{where}[{i}]") for i, (k, v) in enumerate(zip(kinds, value, strict=True)))
-    if origin in (Mapping, dict) or kind is Mapping or getattr(origin, "__name__", "") == "Mapping":
+    if origin is Mapping:
         if isinstance(value, Mapping):
             return {str(k): _build(arguments[1], v, f"{where}.{k}") for k, v in value.items()}
     elif origin is typing.Literal or (kind is str and isinstance(value, str)):
@@ -100,12 +92,4 @@ def _build(kind: Any, value: Any, where: str) -> Any:
 
 def configuration_to_dict(configuration: Configuration) -> dict[str, Any]:
     """`configuration` as dictionaries, lists, strings and numbers, for JSON; `configuration_from_dict` undoes it."""
-    return {f.name: _plain(getattr(configuration, f.name)) for f in dataclasses.fields(configuration)}
-
-
-def _plain(value: Any) -> Any:
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return {f.name: _plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
-    if isinstance(value, Mapping):
-        return {k: _plain(v) for k, v in value.items()}
-    return [_plain(v) for v in value] if isinstance(value, tuple | list) else value
+    return json.loads(json.dumps(configuration, default=lambda v: dict(v) if isinstance(v, Mapping) else vars(v)))

@@ -12,6 +12,7 @@ import numpy as np
 
 from .._errors import DemonstrationError
 from .._files import read_npz
+from .._rotations import pose
 from ._demonstration_tables import read_table
 from ._demonstrations import Demonstration, DemonstrationSet, check_demonstration, check_poses
 
@@ -123,14 +124,14 @@ def _demonstration_files(folder: Path) -> list[Path]:
 
 
 def _read_meta(file: Path, required: bool) -> dict[str, Any]:
-    if not file.exists():
-        if required:
-            raise DemonstrationError(
-                f'{file} is missing. Write one with at least {{"robot": ..., "joint_names": [...]}}.'
-            )
+    if not file.exists() and not required:
         return {}
     try:
         meta = json.loads(file.read_text(encoding="utf-8"))
+    except FileNotFoundError as error:
+        raise DemonstrationError(
+            f'{file} is missing. Write one with at least {{"robot": ..., "joint_names": [...]}}.'
+        ) from error
     except (OSError, ValueError) as error:
         raise DemonstrationError(f"{file} is not readable as JSON: {error}.") from error
     if not isinstance(meta, dict):
@@ -175,10 +176,7 @@ def _in_base_frame(demonstration: Demonstration, T_world_base: np.ndarray, where
     for name, T in demonstration.poses.items():
         check_poses(T, samples, f"{where}: the pose of {name!r}")
     R_base_world = np.swapaxes(T_world_base[..., :3, :3], -1, -2)
-    T_base_world = np.zeros_like(T_world_base)
-    T_base_world[..., :3, :3] = R_base_world
-    T_base_world[..., :3, 3] = -np.einsum("...ij,...j->...i", R_base_world, T_world_base[..., :3, 3])
-    T_base_world[..., 3, 3] = 1.0
+    T_base_world = pose(-np.einsum("...ij,...j->...i", R_base_world, T_world_base[..., :3, 3]), R_base_world)
     return {name: T_base_world @ T for name, T in demonstration.poses.items()}
 
 

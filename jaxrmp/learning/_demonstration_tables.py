@@ -62,20 +62,12 @@ def _numbers(file: Path, header: list[str], rows: list[tuple[int, list[str]]]) -
     for i, (line, row) in enumerate(rows):
         if len(row) != len(header):
             raise DemonstrationError(f"{file}, line {line}: {len(row)} entries, but the header has {len(header)}.")
-        try:
-            table[i] = row
-        except ValueError:
-            bad = next(entry for entry in row if not _is_number(entry))
-            raise DemonstrationError(f"{file}, line {line}: {bad!r} is not a number.") from None
+        for j, entry in enumerate(row):
+            try:
+                table[i, j] = float(entry)
+            except ValueError:
+                raise DemonstrationError(f"{file}, line {line}: {entry!r} is not a number.") from None
     return table
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
 
 
 def _poses(file: Path, name: str, entries: np.ndarray) -> np.ndarray:

@@ -33,8 +33,7 @@ class Demonstration:
 
     def pose(self, name: str, sample: int = 0) -> np.ndarray:
         """The pose [4, 4] of object `name` in the base frame at index `sample`. **Raises** `UnknownNameError`."""
-        if name not in self.poses:
-            raise UnknownNameError("object", name, self.poses)
+        UnknownNameError.check("object", name, self.poses)
         T = self.poses[name]
         return T if T.ndim == 2 else T[sample]
 

@@ -88,18 +88,13 @@ def learn(
     for k, positions in enumerate(prepared.subtasks.positions):
         progress("potentials", k / K)
         nominal.append(nominal_demonstration(list(positions))[0])
-        settings = asdict(configuration.potential)
-        directions = prepared.subtasks.directions[k]
-        potentials.append(
-            choose_potential(
-                positions,
-                directions,
-                nominal[-1],
-                seed=configuration.seed,
-                progress=lambda fraction, k=k: progress("potentials", (k + fraction) / K),
-                **settings,
-            )
+        found = choose_potential(
+            *(positions, prepared.subtasks.directions[k], nominal[-1]),
+            seed=configuration.seed,
+            progress=lambda fraction, k=k: progress("potentials", (k + fraction) / K),
+            **asdict(configuration.potential),
         )
+        potentials.append(found)
     progress("potentials", 1.0)
     lap("potentials")
     potential = _stacked([choice.fit.potential for choice in potentials])
@@ -107,16 +102,11 @@ def learn(
     lap("metrics")
     seconds |= {"metric_compilation": metric.compilation_seconds, "metric_loop": metric.loop_seconds}
     policy = configuration.policy
-    learned = Learned(
-        potential,
-        metric.factors,
-        jnp.full(K, policy.speed, jnp.float32),
-        jnp.full(K, policy.damping_rate, jnp.float32),
-    )
+    gains = (jnp.full(K, gain, jnp.float32) for gain in (policy.speed, policy.damping_rate))
     frames, offsets = control_point_frames(configuration)
     joint_damping, joint_limit, limited = joint_leaves(robot, policy)
     skill = Skill(
-        learned=learned,
+        learned=Learned(potential, metric.factors, *gains),
         joint_damping=joint_damping,
         joint_limit=joint_limit,
         offsets=jnp.asarray(offsets, jnp.float32),
@@ -265,30 +255,17 @@ def training_samples(
 
 
 def _train(
-    configuration: Configuration,
-    subtasks: SubtaskTrajectories,
-    potential: NominalPotential,
-    progress: Progress,
+    configuration: Configuration, subtasks: SubtaskTrajectories, potential: NominalPotential, progress: Progress
 ) -> MetricFit:
-    x, velocity = (
-        jnp.asarray(a, jnp.float32) for a in training_samples(subtasks, configuration.metric, configuration.seed)
-    )
+    samples = training_samples(subtasks, configuration.metric, configuration.seed)
+    x, velocity = (jnp.asarray(a, jnp.float32) for a in samples)
     slope = jax.jit(jax.vmap(lambda potential, x: jax.vmap(jax.grad(potential))(x)))(potential, x)
     settings = asdict(configuration.metric)
-    del settings["spread"], settings["convergence"]
-    reach = settings.pop("reach")
+    reach, *_ = (settings.pop(name) for name in ("reach", "spread", "convergence"))
     demonstrated = subtasks.positions[:, :, 1::4].reshape(len(x), -1, x.shape[-1])
     support = _stacked([support_of_samples(samples, reach) for samples in demonstrated]) if reach > 0 else None
-    updates = configuration.metric.updates
-    return train_metrics(
-        x,
-        slope,
-        velocity,
-        seed=configuration.seed,
-        support=support,
-        progress=lambda done, loss: progress("metrics", done / updates),
-        **settings,
-    )
+    told = {"progress": lambda done, loss: progress("metrics", done / settings["updates"])}
+    return train_metrics(x, slope, velocity, seed=configuration.seed, support=support, **told, **settings)
 
 
 def _stacked(potentials: list[Any]) -> Any:

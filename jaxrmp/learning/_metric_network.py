@@ -6,15 +6,13 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from .._errors import MissingDependencyError, UnknownNameError
+from .._errors import UnknownNameError, importing
 from .._pytree import pytree, static
 from ._configuration import ACTIVATIONS
 from ._support import Support
 
-try:
+with importing("flax", "learning"):
     import flax.linen as nn
-except ImportError as error:
-    raise MissingDependencyError("flax", "learning") from error
 
 _FUNCTIONS: dict[str, Callable] = {name: getattr(nn, name) for name in ACTIVATIONS}
 
@@ -103,8 +101,7 @@ def initial_cholesky_factor(
 
     `key` draws the weights; the rest as `CholeskyFactor`. **Raises** `UnknownNameError` for another activation.
     """
-    if activation not in ACTIVATIONS:
-        raise UnknownNameError("activation", activation, ACTIVATIONS)
+    UnknownNameError.check("activation", activation, ACTIVATIONS)
     network = CholeskyNetwork(dimension, tuple(hidden), activation, offset)
     weights = network.init(key, jnp.zeros(dimension))["params"]
     return CholeskyFactor(weights, jnp.asarray(length_scale), support, dimension, tuple(hidden), activation, offset)

@@ -11,17 +11,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._errors import ConfigurationError, MissingDependencyError, TrainingError, UnknownNameError
+from .._errors import ConfigurationError, TrainingError, UnknownNameError, importing
 from ..leaves import natural_gradient_field
 from ..xla import own_cores
 from ._configuration import LOSSES
 from ._metric_network import CholeskyFactor, blended, initial_cholesky_factor
 from ._support import Support
 
-try:
+with importing("optax", "learning"):
     import optax
-except ImportError as error:
-    raise MissingDependencyError("optax", "learning") from error
 
 
 _UPDATES_A_CALL = 100  # in one compiled call, then progress is shown; fewer if that does not divide the updates
@@ -79,8 +77,7 @@ def train_metrics(
 
     Rana et al. 2019, section 3.2.
     """
-    if loss not in LOSSES:
-        raise UnknownNameError("loss", loss, LOSSES)
+    UnknownNameError.check("loss", loss, LOSSES)
     if updates < 1:
         raise ConfigurationError(f"updates is {updates!r}, expected at least 1.")
     K = x.shape[0]

@@ -38,13 +38,11 @@ def choose_potential(
     nominal: int,
     *,
     widths: tuple[float, ...],
-    sharpness: float = 30.0,
-    regularization: float = 1e-4,
-    end_weight: float = 100.0,
     basin_starts: int = 2000,
     basin_margin: float = 0.3,
     seed: int = 0,
     progress: Callable[[float], None] | None = None,
+    **fit: float,
 ) -> PotentialChoice:
     """Fit the potential with each kernel width and keep the best one whose basin is clean.
 
@@ -53,8 +51,8 @@ def choose_potential(
     starts in the demonstrations' box grown by `basin_margin` ends at the goal.
 
     **Arguments**: `positions` [N, T, m], m, goal at the origin; `directions` [N, T, m], unit; `nominal`, the index of
-    the nominal demonstration; `widths`, m; `progress`, called with the fraction done; the rest as in `fit_potential`
-    and `check_basin`.
+    the nominal demonstration; `widths`, m; `progress`, called with the fraction done; `fit`, the arguments by name of
+    `fit_potential`; the rest as in `check_basin`: `basin_starts`, `basin_margin`, m, and `seed`.
     **Returns** a `PotentialChoice`.
     **Raises** `ConvexProgramError` if no width could be fitted, `BasinError` if none has a clean basin.
     """
@@ -64,14 +62,7 @@ def choose_potential(
         if progress is not None:
             progress(i / (len(widths) + 2))  # a check of the basin takes about as long as two fits
         try:
-            fits[width] = fit_potential(
-                positions[nominal],
-                directions[nominal],
-                width,
-                sharpness=sharpness,
-                regularization=regularization,
-                end_weight=end_weight,
-            )
+            fits[width] = fit_potential(positions[nominal], directions[nominal], width, **fit)
         except ConvexProgramError as error:
             trials[width] = WidthTrial(width, str(error), float("nan"), float("nan"), None)
             continue

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._errors import ConfigurationError, ConvexProgramError, DemonstrationError, MissingDependencyError
+from .._errors import ConfigurationError, ConvexProgramError, DemonstrationError, importing
 from ..leaves import NominalPotential
 
 
@@ -66,10 +66,8 @@ def fit_potential(
 
     Rana et al. 2019, equation 7.
     """
-    try:
+    with importing("cvxpy", "learning"):
         import cvxpy
-    except ImportError as error:
-        raise MissingDependencyError("cvxpy", "learning") from error
     points, directions = np.asarray(points, float), np.asarray(directions, float)
     if points.ndim != 2 or points.shape != directions.shape or len(points) < 3:
         raise DemonstrationError(

@@ -4,7 +4,7 @@ from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 
-from .._errors import ConfigurationError, DemonstrationError, MissingDependencyError, UnknownNameError
+from .._errors import ConfigurationError, DemonstrationError, UnknownNameError, importing
 from .._ranges import BelowOne, NonNegative, Positive, settings
 from ._arc_length import cubic_spline, resample_by_arc_length
 from ._demonstrations import Demonstration, DemonstrationSet
@@ -39,8 +39,7 @@ class PreprocessingSettings:
     min_motion: Positive[float] = 0.02
 
     def __post_init__(self):
-        if self.resample not in get_args(Resampling):
-            raise UnknownNameError("resampling", self.resample, get_args(Resampling))
+        UnknownNameError.check("resampling", self.resample, get_args(Resampling))
         if self.samples < 4:
             raise ConfigurationError(f"samples is {self.samples!r}, expected at least 4.")
         if not 1 <= self.filter_order < self.window_samples:
@@ -222,9 +221,7 @@ def _check_length(seconds: float, rate: float, window: int, where: str, verb: st
 
 
 def _scipy(module: str):
-    try:
+    with importing("scipy", "learning"):
         import scipy.interpolate
         import scipy.signal
-    except ImportError as error:
-        raise MissingDependencyError("scipy", "learning") from error
     return getattr(scipy, module)

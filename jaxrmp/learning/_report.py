@@ -46,24 +46,13 @@ def learning_report(learning: Learning) -> dict[str, Any]:
 
 
 def _potential(choice: PotentialChoice) -> dict[str, Any]:
-    fit, trial = choice.fit, choice.trial
-    return {
-        "status": fit.status,
-        "objective": fit.objective,
-        "direction_rms": fit.direction_rms,
-        "end_slope": fit.end_slope,
-        "goal_hessian_eigenvalues": list(fit.goal_hessian_eigenvalues),
-        **_trial(trial),
-        "widths_tried": [_trial(t) for t in choice.trials],
-    }
+    fit = {name: value for name, value in choice.fit._asdict().items() if name != "potential"}
+    fit["goal_hessian_eigenvalues"] = list(choice.fit.goal_hessian_eigenvalues)
+    return {**fit, **_trial(choice.trial), "widths_tried": [_trial(t) for t in choice.trials]}
 
 
 def _trial(trial: WidthTrial) -> dict[str, Any]:
-    basin = None
-    if trial.basin is not None:
-        basin = {
-            "starts": trial.basin.starts,
-            "share_reached": trial.basin.share_reached,
-            "rest_points": [{"position": list(x), "share": share} for x, share in trial.basin.rest_points],
-        }
-    return {**trial._asdict(), "basin": basin}
+    if trial.basin is None:
+        return trial._asdict()
+    points = [{"position": list(x), "share": share} for x, share in trial.basin.rest_points]
+    return {**trial._asdict(), "basin": {**trial.basin._asdict(), "rest_points": points}}

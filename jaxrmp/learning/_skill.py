@@ -72,11 +72,11 @@ class Skill:
 
     def with_gains(self, speed: float, damping_rate: float) -> "Skill":
         """The same skill at another cruise `speed`, m/s, and `damping_rate`, 1/s: geometry stays, tempo changes."""
-        gains = {"speed": speed, "damping_rate": damping_rate}
-        for name, value in gains.items():
+        arrays = {}
+        for name, value in (("speed", speed), ("damping_rate", damping_rate)):
             if not 0 < value < float("inf"):
                 raise ConfigurationError(f"{name} is {value!r}, expected a positive number.")
-        arrays = {name: jnp.full_like(getattr(self.learned, name), value) for name, value in gains.items()}
+            arrays[name] = jnp.full_like(getattr(self.learned, name), value)
         return replace(self, learned=replace(self.learned, **arrays))
 
     def load_robot(self, file: str | None = None) -> Robot:

@@ -25,6 +25,9 @@ from ._support import Support
 FORMAT = "jaxrmp skill"
 _HEADER = "header.json"
 _PLACES = ("offsets", "targets", "T_world_object", "R_object_hand")
+_NAMES = ("frames", "subtasks", "limited")
+_TEXTS = ("robot_fingerprint", "source")
+_NETWORK = ("dimension", "hidden", "activation", "offset")
 
 
 def save_skill(skill: Skill, path: str | os.PathLike) -> Path:
@@ -44,18 +47,8 @@ def save_skill(skill: Skill, path: str | os.PathLike) -> Path:
         "format": FORMAT,
         "version": VERSION,
         "jaxrmp": __version__,
-        "frames": list(skill.frames),
-        "subtasks": list(skill.subtasks),
-        "limited": list(skill.limited),
-        "robot_fingerprint": skill.robot_fingerprint,
-        "source": skill.source,
-        "network": {
-            "dimension": factor.dimension,
-            "hidden": list(factor.hidden),
-            "activation": factor.activation,
-            "offset": factor.offset,
-            "supported": factor.support is not None,
-        },
+        **{name: getattr(skill, name) for name in (*_NAMES, *_TEXTS)},
+        "network": {name: getattr(factor, name) for name in _NETWORK} | {"supported": factor.support is not None},
         "configuration": configuration_to_dict(skill.configuration),
         "arrays": {name: [str(a.dtype), list(a.shape)] for name, a in arrays.items()},
     }
@@ -96,9 +89,9 @@ def load_skill(path: str | os.PathLike) -> Skill:
 
 
 def _skill_from(header: dict[str, Any], arrays: dict[str, np.ndarray]) -> Skill:
-    known = {"format", "version", "jaxrmp", "frames", "subtasks", "limited", "robot_fingerprint", "source"}
-    _same("header entries", header, known | {"network", "configuration", "arrays"})
-    _same("network entries", header["network"], {"dimension", "hidden", "activation", "offset", "supported"})
+    others = ("format", "version", "jaxrmp", "network", "configuration", "arrays")
+    _same("header entries", header, (*others, *_NAMES, *_TEXTS))
+    _same("network entries", header["network"], (*_NETWORK, "supported"))
     configuration = configuration_from_dict(header["configuration"])
     left = {name: jnp.asarray(a) for name, a in arrays.items()}
     for name, a in arrays.items():
@@ -109,9 +102,7 @@ def _skill_from(header: dict[str, Any], arrays: dict[str, np.ndarray]) -> Skill:
         if not np.isfinite(a).all():
             raise SkillFileError(f"array {name} holds non-finite numbers.")
     network = header["network"]
-    template = initial_cholesky_factor(
-        jax.random.key(0), network["dimension"], tuple(network["hidden"]), network["activation"], network["offset"]
-    )
+    template = initial_cholesky_factor(jax.random.key(0), **{name: network[name] for name in _NETWORK})
     K = len(header["subtasks"])
     weights = {
         layer: {name: _taken(left, f"metric/{layer}/{name}", (K, *jnp.shape(a))) for name, a in parameters.items()}
@@ -120,23 +111,15 @@ def _skill_from(header: dict[str, Any], arrays: dict[str, np.ndarray]) -> Skill:
     support = _built(Support, "support", left) if network["supported"] else None
     factor = replace(template, weights=weights, length_scale=_taken(left, "metric/length_scale", (K,)), support=support)
     potential = _built(NominalPotential, "potential", left)
-    damping = _built(Damping, "joint_damping", left, name="joint_damping")
-    limited = tuple(header["limited"])
-    limit = _built(JointLimit, "joint_limit", left) if limited else None
+    shapes = zip(_PLACES, ((K, 3), (K, 3), (4, 4), (3, 3)), strict=True)
     skill = Skill(
         learned=Learned(potential, factor, _taken(left, "gains/speed", (K,)), _taken(left, "gains/damping_rate", (K,))),
-        joint_damping=damping,
-        joint_limit=limit,
-        offsets=_taken(left, "offsets", (K, 3)),
-        targets=_taken(left, "targets", (K, 3)),
-        T_world_object=_taken(left, "T_world_object", (4, 4)),
-        R_object_hand=_taken(left, "R_object_hand", (3, 3)),
-        frames=tuple(header["frames"]),
-        subtasks=tuple(header["subtasks"]),
-        limited=limited,
+        joint_damping=_built(Damping, "joint_damping", left, name="joint_damping"),
+        joint_limit=_built(JointLimit, "joint_limit", left) if header["limited"] else None,
         configuration=configuration,
-        robot_fingerprint=header["robot_fingerprint"],
-        source=header["source"],
+        **{name: _taken(left, name, shape) for name, shape in shapes},
+        **{name: tuple(header[name]) for name in _NAMES},
+        **{name: header[name] for name in _TEXTS},
     )
     _same("arrays", left, set())
     check_rigid(skill.T_world_object, "T_world_object")

@@ -50,10 +50,8 @@ def subtask_trajectories(
 
     Rana et al. 2019, sections 3 and 4.
     """
-    if align not in get_args(Alignment):
-        raise UnknownNameError("alignment", align, get_args(Alignment))
-    if resample not in ("arc", "time"):
-        raise UnknownNameError("resampling", resample, ("arc", "time"))
+    UnknownNameError.check("alignment", align, get_args(Alignment))
+    UnknownNameError.check("resampling", resample, ("arc", "time"))
     if not (taper >= 0 and end_tolerance > 0):
         raise ConfigurationError(f"taper is {taper!r} and end_tolerance {end_tolerance!r}: expected lengths, m.")
     points = _checked(points)

@@ -54,9 +54,6 @@ class Attractor(GeometricDynamicalSystem):
         width, sharpness, near, far = _as(x.dtype, self.width, self.sharpness, self.weight_near, self.weight_far)
         return (self.gain * gaussian_well(z @ z, width, sharpness, near, far)).astype(x.dtype)
 
-    def damping(self, x, xd):
-        return (self.damping_rate * self.metric(x, xd)).astype(x.dtype)
-
 
 def _as(dtype, *values):
     return tuple(jnp.asarray(value, dtype) for value in values)

@@ -62,8 +62,7 @@ class CollisionAvoidance(SeparableGDS):
     name: str = static(default="collision_avoidance")
 
     def __post_init__(self):
-        if self.form not in get_args(Form):
-            raise UnknownNameError("form of collision avoidance", self.form, get_args(Form))
+        UnknownNameError.check("form of collision avoidance", self.form, get_args(Form))
         limits = (self.floor, self.reach)
         known = self.floor is not None and not any(isinstance(value, Tracer) for value in limits)
         if self.form == "compact" and known and not np.all(np.asarray(self.floor) < np.asarray(self.reach)):

@@ -37,6 +37,3 @@ class Formation(SeparableGDS):
 
     def potential(self, x):
         return (0.5 * self.gain * self.weight * x * x).astype(x.dtype)
-
-    def damping(self, x, xd):
-        return (self.damping_rate * self.metric(x, xd)).astype(x.dtype)

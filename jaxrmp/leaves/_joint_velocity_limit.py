@@ -46,6 +46,3 @@ class JointVelocityLimit(SeparableGDS):
 
     def potential(self, x):
         return jnp.zeros_like(x)
-
-    def damping(self, x, xd):
-        return (self.damping_rate * self.metric(x, xd)).astype(x.dtype)

@@ -72,6 +72,3 @@ class OrientationAttractor(GeometricDynamicalSystem):
         u = offset @ offset / 8
         well = u / (1 + jnp.sqrt(1 - (1 - self.rounding) * u))
         return (4 * self.weight * self.stiffness * well).astype(x.dtype)
-
-    def damping(self, x, xd):
-        return (self.damping_rate * self.metric(x, xd)).astype(x.dtype)

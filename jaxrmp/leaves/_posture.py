@@ -40,6 +40,3 @@ class Posture(SeparableGDS):
 
     def potential(self, x):
         return (0.5 * self.weight * self.stiffness * (x - jnp.asarray(self.rest, x.dtype)) ** 2).astype(x.dtype)
-
-    def damping(self, x, xd):
-        return (self.damping_rate * self.metric(x, xd)).astype(x.dtype)

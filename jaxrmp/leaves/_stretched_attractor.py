@@ -72,9 +72,6 @@ class StretchedAttractor(GeometricDynamicalSystem):
         well = gaussian_well(z @ z, width, jnp.asarray(self.sharpness, x.dtype), near, far)
         return (self.gain * (1 + self.isotropy) * well).astype(x.dtype)
 
-    def damping(self, x, xd):
-        return (self.damping_rate * self.metric(x, xd)).astype(x.dtype)
-
     def _weights(self, dtype):
         """Width, value at the goal and value far away of w, as a Gaussian of the distance."""
         far = self.weight_far + (self.weight_near - self.weight_far) * self.floor

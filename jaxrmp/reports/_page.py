@@ -3,7 +3,7 @@
 import base64
 import html
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -51,6 +51,11 @@ def table(head: list, rows: list[list], empty: str = "") -> str:
     cells = "".join(f"<th>{html.escape(str(c))}</th>" for c in head) if any(head) else ""
     body = "".join("<tr>" + "".join(f"<td>{html.escape(str(c))}</td>" for c in row) + "</tr>" for row in rows)
     return f"<table><tr>{cells}</tr>{body}</table>"
+
+
+def records(entries: Iterable[Any], columns: Mapping[str, Callable[[Any], Any]], empty: str = "") -> str:
+    """A table of a row for each of `entries`: by the heading of each column, what it says of one."""
+    return table([*columns], [[cell(entry) for cell in columns.values()] for entry in entries], empty)
 
 
 def pictures(figures: Mapping[str, tuple[bytes, str]]) -> str:

@@ -1,11 +1,9 @@
 """An arm with nothing around it."""
 
 import os
-from pathlib import Path
 
-from .._errors import RobotError
 from ..kinematics import Robot, load_robot
-from ..kinematics._mujoco import import_mujoco
+from ..kinematics._mujoco import read_spec
 from ._parts import arm_spec, on_panda
 from ._scene import Scene
 
@@ -21,11 +19,7 @@ def arm_alone(source: str | os.PathLike = "panda", robot: Robot | None = None) -
         spec = arm_spec()
         spec.delete(spec.geom("floor"))
         return Scene("arm alone", spec, object="", **on_panda())
-    robot = robot or load_robot(source)
-    try:
-        spec = import_mujoco().MjSpec.from_file(str(Path(source)))
-    except ValueError as error:
-        raise RobotError(f"{source} cannot be read as MJCF or URDF: {error}") from error
+    robot, spec = robot or load_robot(source), read_spec(source)
     for key in list(spec.keys):
         spec.delete(key)
     return Scene("arm alone", spec, robot, object="")

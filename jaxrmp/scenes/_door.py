@@ -14,8 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from ..kinematics._mujoco import import_mujoco
-from ._parts import LIGHT_WOOD, METAL, WOOD, add_body, add_box, before_panda, moved, on_panda, pose_or, upright
+from ._parts import LIGHT_WOOD, METAL, WOOD, add_bar, add_body, add_box, before_panda, moved, on_panda, pose_or, upright
 from ._scene import Plotted, Scene
 
 APPROACH = np.array([-0.506, 0.862, 0.0]) / np.hypot(0.506, 0.862)
@@ -56,33 +55,17 @@ def door(T_world_object: np.ndarray | None = None) -> Door:
 
 def _add_door(thing: Any) -> None:
     """The cabinet, fixed in the object's frame, and the door on its hinge; 0 rad is where it stood when shown."""
-    mujoco = import_mujoco()
     along = np.array([APPROACH[1], -APPROACH[0], 0.0])  # from the free edge to the hinge
     hinge = _STANDOFF + (_TO_DOOR + 0.01) * APPROACH + _TO_HINGE * along
     # x points from the hinge along the door to its free edge, y (z up) to the outside.
     door = add_body(thing, "door", hinge, upright(-along))
-    door.add_joint(
-        name="door_hinge",
-        type=3,  # mjJNT_HINGE
-        axis=[0.0, 0.0, 1.0],
-        range=[-0.5, 1.8],
-        limited=True,
-        frictionloss=0.5,
-        damping=0.2,
-    )
+    resists = {"frictionloss": 0.5, "damping": 0.2}
+    hinge = {"name": "door_hinge", "type": 3, "axis": [0.0, 0.0, 1.0]}  # mjJNT_HINGE
+    door.add_joint(**hinge, range=[-0.5, 1.8], limited=True, **resists)
     half = 0.5 * (_TO_HINGE + _TO_EDGE)
     add_box(door, "door_panel", [half, 0.0, -0.05], [half, 0.01, 0.3], LIGHT_WOOD, mass=3.0)
     bar = np.array([_TO_HINGE, _TO_DOOR + 0.01 - _TO_BAR, 0.0])
-    door.add_geom(
-        name="door_handle",
-        type=mujoco.mjtGeom.mjGEOM_CAPSULE,
-        fromto=[*(bar - [0.0, 0.0, 0.07]), *(bar + [0.0, 0.0, 0.07])],
-        size=[0.008, 0.0, 0.0],
-        rgba=METAL,
-        mass=0.2,
-        contype=0,
-        conaffinity=1,
-    )
+    add_bar(door, "door_handle", [bar - [0.0, 0.0, 0.07], bar + [0.0, 0.0, 0.07]], 0.008, METAL, mass=0.2)
     for side in (-1.0, 1.0):
         center = [bar[0], 0.5 * (bar[1] + 0.01), 0.06 * side]
         name = "door_post_low" if side < 0 else "door_post_high"

@@ -87,10 +87,7 @@ def _add_drawer(thing: Any) -> None:
         name = "drawer_post_left" if side < 0 else "drawer_post_right"
         add_box(drawer, name, [-0.045, 0.12 * side, 0.0], [0.025, 0.008, 0.01], METAL, mass=0.05, touches=False)
     add_box(drawer, "drawer_front", [-0.08, 0.0, -0.05], [0.01, 0.215, 0.12], LIGHT_WOOD, mass=1.2)
-    inside: dict[str, tuple[list[float], list[float]]] = {
-        "drawer_bottom": ([-0.29, 0.0, -0.16], [0.2, 0.2, 0.006]),
-        "drawer_left": ([-0.29, -0.2, -0.10], [0.2, 0.006, 0.06]),
-        "drawer_right": ([-0.29, 0.2, -0.10], [0.2, 0.006, 0.06]),
-    }
-    for name, (center, half) in inside.items():
-        add_box(drawer, name, center, half, LIGHT_WOOD, mass=0.4, touches=False)
+    inside = {"rgba": LIGHT_WOOD, "mass": 0.4, "touches": False}
+    add_box(drawer, "drawer_bottom", [-0.29, 0.0, -0.16], [0.2, 0.2, 0.006], **inside)
+    add_box(drawer, "drawer_left", [-0.29, -0.2, -0.10], [0.2, 0.006, 0.06], **inside)
+    add_box(drawer, "drawer_right", [-0.29, 0.2, -0.10], [0.2, 0.006, 0.06], **inside)

@@ -7,10 +7,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .._errors import ConfigurationError
-from ..kinematics._mujoco import import_mujoco
 from ..world import Capsules, World
 from ._drawer import DRAWER_POSE, Drawer, drawer_spec
-from ._parts import on_panda, pose_or
+from ._parts import add_bar, add_geom, on_panda, pose_or
 from ._scene import Scene
 
 CYLINDER_SPREAD = 0.03
@@ -76,17 +75,7 @@ def drawer_obstacle(T_world_object: np.ndarray | None = None, cylinder: Cylinder
 
 
 def _add_cylinder(spec: Any, cylinder: Cylinder) -> None:
-    mujoco = import_mujoco()
     body = spec.worldbody.add_body(name="cylinder", mocap=True)
     r, h = cylinder.radius, cylinder.height
-    seen = {"rgba": [0.8, 0.3, 0.2, 1.0], "contype": 0, "conaffinity": 0}
-    body.add_geom(type=mujoco.mjtGeom.mjGEOM_CYLINDER, pos=[0, 0, h / 2], size=[r, h / 2, 0], **seen)
-    body.add_geom(
-        name="obstacle",
-        type=mujoco.mjtGeom.mjGEOM_CAPSULE,
-        fromto=[0, 0, r, 0, 0, h - r],
-        size=[r, 0, 0],
-        rgba=[0.8, 0.3, 0.2, 0.0],
-        contype=0,
-        conaffinity=1,
-    )
+    add_geom(body, "CYLINDER", "", [0.8, 0.3, 0.2, 1.0], False, pos=[0, 0, h / 2], size=[r, h / 2, 0])
+    add_bar(body, "obstacle", [[0, 0, r], [0, 0, h - r]], r, [0.8, 0.3, 0.2, 0.0])

@@ -53,8 +53,5 @@ def _function(path: Path, name: str) -> Callable[..., Any]:
     except Exception as error:  # whatever the file raises
         raise ConfigurationError(f"scene {str(path)!r} cannot be run: {type(error).__name__}: {error}") from error
     functions = [key for key, value in vars(module).items() if inspect.isfunction(value)]
-    if name not in functions:
-        raise UnknownNameError(
-            f"function of {str(path)!r}", name, functions, "Write one, or name it: FILE.py:function."
-        )
+    UnknownNameError.check(f"function of {str(path)!r}", name, functions, "Write one, or name it: FILE.py:function.")
     return getattr(module, name)

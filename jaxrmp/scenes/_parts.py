@@ -54,14 +54,9 @@ def arm_spec() -> Any:
     spec.worldbody.add_light(
         pos=[1.0, 1.5, 2.5], dir=[-0.3, -0.5, -0.8], diffuse=[0.5, 0.5, 0.5], cutoff=85.0, exponent=1.0
     )
-    spec.worldbody.add_geom(
-        name="floor",
-        type=mujoco.mjtGeom.mjGEOM_PLANE,
-        size=[3.0, 3.0, 0.05],
-        rgba=[0.82, 0.84, 0.86, 1.0],
-        contype=0,
-        conaffinity=2,  # the wrist and the hand meet it; the base stands on it
-    )
+    floor = {"size": [3.0, 3.0, 0.05], "rgba": [0.82, 0.84, 0.86, 1.0]}
+    meets = {"contype": 0, "conaffinity": 2}  # the wrist and the hand meet it; the base stands on it
+    spec.worldbody.add_geom(name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, **floor, **meets)
     return spec
 
 
@@ -100,17 +95,18 @@ def add_body(parent: Any, name: str, position: Any, axes: np.ndarray | None = No
 
 def add_box(body: Any, name: str, center: Any, half: Any, rgba: Any, mass: float = 0.0, touches: bool = True) -> None:
     """A box in a body; if it `touches`, the arm can touch it (and nothing else does)."""
-    mujoco = import_mujoco()
-    body.add_geom(
-        name=name,
-        type=mujoco.mjtGeom.mjGEOM_BOX,
-        pos=center,
-        size=half,
-        rgba=rgba,
-        mass=mass,
-        contype=0,
-        conaffinity=int(touches),
-    )
+    add_geom(body, "BOX", name, rgba, touches, pos=center, size=half, mass=mass)
+
+
+def add_bar(body: Any, name: str, ends: Any, radius: float, rgba: Any, **settings: Any) -> None:
+    """A capsule in a body between two `ends`, that the arm can touch."""
+    add_geom(body, "CAPSULE", name, rgba, fromto=np.ravel(ends), size=[radius, 0.0, 0.0], **settings)
+
+
+def add_geom(body: Any, kind: str, name: str, rgba: Any, touches: bool = True, **settings: Any) -> None:
+    """A geometry of MuJoCo's `kind` in a body, that the arm can touch, or nothing."""
+    kind = getattr(import_mujoco().mjtGeom, f"mjGEOM_{kind}")
+    body.add_geom(name=name, type=kind, rgba=rgba, contype=0, conaffinity=int(touches), **settings)
 
 
 def upright(forward: Any) -> np.ndarray:

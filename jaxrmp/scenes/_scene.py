@@ -128,7 +128,7 @@ class Scene:
         data = import_mujoco().MjData(self.model)
         self.place(data, self.T_world_object)
         if self.joint:
-            data.qpos[self.model.joint(self.joint).qposadr[0]] = self.start
+            data.joint(self.joint).qpos[0] = self.start
         return data
 
     def data(self, q: np.ndarray) -> Any:
@@ -172,15 +172,12 @@ class Scene:
 
     def hand_pose(self, data: Any) -> np.ndarray:
         """`T_world_hand` [4, 4] in `data`."""
-        if self._hand_is_site:
-            site = self.model.site(self.hand).id
-            return pose(data.site_xpos[site], data.site_xmat[site].reshape(3, 3))
-        body = self.model.body(self.hand).id
-        return pose(data.xpos[body], data.xmat[body].reshape(3, 3))
+        hand = data.site(self.hand) if self._hand_is_site else data.body(self.hand)
+        return pose(hand.xpos, hand.xmat.reshape(3, 3))
 
     def joint_position(self, data: Any) -> float:
         """Where the task's joint is in `data`, m or rad."""
-        return float(data.qpos[self.model.joint(self.joint).qposadr[0]])
+        return float(data.joint(self.joint).qpos[0])
 
     def contacts(self, data: Any) -> list[str]:
         """What the arm touches in `data` and must not, itself too, as "geometry of the arm's body - other geometry"."""
@@ -307,8 +304,7 @@ class Scene:
         mujoco, m = import_mujoco(), self.model
         there = [m.joint(j).name for j in range(m.njnt)]
         for name in (*self.robot.joint_names, *([self.joint] if self.joint else ())):
-            if name not in there:
-                raise UnknownNameError(f"joint of scene {self.name!r}", name, there)
+            UnknownNameError.check(f"joint of scene {self.name!r}", name, there)
         for joint in self.robot.model.joints:
             if joint.coordinate < 0 and joint.name in there:
                 raise RobotError(
@@ -326,14 +322,12 @@ class Scene:
         bodies = [m.body(b).name for b in range(m.nbody)]
         if self.hand and not self._hand_is_site and self.hand not in bodies:
             raise UnknownNameError(f"hand of scene {self.name!r}", self.hand, self.robot.frame_names)
-        geoms = [m.geom(g).name for g in range(m.ngeom)]
+        geoms = [m.geom(g).name for g in range(m.ngeom) if m.geom(g).name]
         for name in self.may_touch:
-            if name not in geoms:
-                raise UnknownNameError(f"geometry of scene {self.name!r}", name, filter(None, geoms))
+            UnknownNameError.check(f"geometry of scene {self.name!r}", name, geoms)
         if not self.object:
             return
-        if self.object not in bodies:
-            raise UnknownNameError(f"object of scene {self.name!r}", self.object, bodies)
+        UnknownNameError.check(f"object of scene {self.name!r}", self.object, bodies)
         body = m.body(self.object)
         free = body.jntnum[0] == 1 and m.jnt_type[body.jntadr[0]] == mujoco.mjtJoint.mjJNT_FREE
         if body.mocapid[0] < 0 and not free:

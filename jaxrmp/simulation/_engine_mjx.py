@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._errors import MissingDependencyError
+from .._errors import importing
 from ..scenes import Scene
 from ._computed_torque import ArmDynamics, computed_torque, within_velocity_limits
 from ._devices import Devices
@@ -133,10 +133,9 @@ def import_mjx() -> Any:
     level = logging.root.manager.disable
     logging.disable(logging.WARNING)
     try:
-        with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+        void = io.StringIO()
+        with importing("mujoco-mjx", "simulation"), contextlib.redirect_stdout(void), contextlib.redirect_stderr(void):
             from mujoco import mjx
-    except ImportError as error:
-        raise MissingDependencyError("mujoco-mjx", "simulation") from error
     finally:
         logging.disable(level)
     return mjx

@@ -9,7 +9,7 @@ import numpy as np
 from ..kinematics._mujoco import import_mujoco
 from ..scenes import Scene
 from ._devices import Devices
-from ._judge import Problem, StopCriteria, Track, judged
+from ._judge import Problem, StopCriteria, Track, clearances, judged
 from ._physical_arm import PhysicalArm, step_all
 from ._step import command
 
@@ -62,7 +62,7 @@ class MujocoEngine:
         for step in range(self.chunk):
             track = step_all(arms, track, q, qd, self._command)
             if step % self.every == self.every - 1:
-                track = track._replace(clearance=np.fmin(track.clearance, _clearances(self._problem, q)))
+                track = track._replace(clearance=np.fmin(track.clearance, clearances(self._problem, q)))
         for arm, row in zip(arms, full, strict=True):
             mujoco.mj_getState(model, arm.data, row, self._kind)
         return MujocoState(q, qd, full, track)
@@ -86,8 +86,3 @@ def _judge_and_command(problem: Problem, criteria: StopCriteria, dt: float, trac
         return asked.qdd, judged(problem, criteria, dt, track, q, qd, asked)
 
     return jax.vmap(one)(track, jnp.asarray(q), jnp.asarray(qd))
-
-
-@jax.jit
-def _clearances(problem: Problem, q: jax.Array) -> jax.Array:
-    return jax.vmap(problem.clearance)(jnp.asarray(q))

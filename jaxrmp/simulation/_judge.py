@@ -1,6 +1,5 @@
 """When a simulation has ended and how, kinematic or in physics, and what is kept of it on the way: a few numbers."""
 
-import dataclasses
 import enum
 from typing import Any, NamedTuple
 
@@ -8,10 +7,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._errors import ConfigurationError
 from .._pytree import pytree
+from .._ranges import Positive
 from .._task_map import TaskMap
 from .._tree import Node
+from ..xla import in_lanes
 
 
 class End(enum.IntEnum):
@@ -44,18 +44,12 @@ class StopCriteria:
     **Raises** `ConfigurationError` for a value that is not positive.
     """
 
-    tolerance: float = 0.01
-    settled: float = 0.05
-    rest: float = 2e-4
-    rest_seconds: float = 1.0
-    top_speed: Any = 1e3
-    duration: float = 120.0
-
-    def __post_init__(self):
-        for field in dataclasses.fields(self):
-            value = getattr(self, field.name)
-            if not np.all(np.asarray(value) > 0):
-                raise ConfigurationError(f"{field.name} is {value!r}, expected a positive number.")
+    tolerance: Positive[float] = 0.01
+    settled: Positive[float] = 0.05
+    rest: Positive[float] = 2e-4
+    rest_seconds: Positive[float] = 1.0
+    top_speed: Positive[Any] = 1e3
+    duration: Positive[float] = 120.0
 
 
 @pytree
@@ -89,6 +83,12 @@ class Problem:
         for distances in self.distances:
             least = jnp.minimum(least, jnp.min(distances(q), initial=jnp.inf))
         return least
+
+
+@jax.jit
+def clearances(problem: Problem, q: jax.Array) -> jax.Array:
+    """`Problem.clearance` at configurations `q` [B, n], [B]."""
+    return jax.vmap(in_lanes(Problem.clearance), in_axes=(None, 0))(problem, jnp.asarray(q, jnp.float32))
 
 
 class Track(NamedTuple):
@@ -173,12 +173,8 @@ def judge(criteria: StopCriteria, dt: float, track: Track, state: Seen) -> Track
     ended = track.status != End.RUNNING
     diverged = status == End.DIVERGED
     kept = track._replace(status=seen.status)  # of a state that is not finite, only that it came
-    return Track(
-        *(
-            jnp.where(ended, old, jnp.where(diverged, last, new))
-            for old, last, new in zip(track, kept, seen, strict=True)
-        )
-    )
+    parts = zip(track, kept, seen, strict=True)
+    return Track(*(jnp.where(ended, old, jnp.where(diverged, last, new)) for old, last, new in parts))
 
 
 def judged(problem: Problem, criteria: StopCriteria, dt: float, track: Track, q: jax.Array, qd: jax.Array, of: Any):

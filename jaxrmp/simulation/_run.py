@@ -50,8 +50,7 @@ def run_trials(
     **Raises** `ConfigurationError` for no trials, a start in collision, a scene that lacks what its goal needs, or a
     time or rate that does not fit; `UnknownNameError` for another interface.
     """
-    if interface not in INTERFACES:
-        raise UnknownNameError("interface", interface, INTERFACES)
+    UnknownNameError.check("interface", interface, INTERFACES)
     if not trials:
         raise ConfigurationError("there are no trials to run: give at least one.")
     for name, value in (("limit", limit), ("hold", hold)):

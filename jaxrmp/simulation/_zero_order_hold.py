@@ -9,7 +9,7 @@ from .._forms import NaturalForm
 from .._map_tree import Rebuild
 from .._pytree import pytree
 from .._tree import Batched, Leaf, Node
-from .._visitor import Visitor, at_points
+from .._visitor import Gather
 from ..leaves import Learned
 
 
@@ -46,20 +46,14 @@ def with_held(tree: Node, forms: tuple[NaturalForm, ...]) -> Node:
     return tree.accept(_Hold(forms), None)
 
 
-class _Forms(Visitor):
-    """The forms of the learned leaves at a state `(x, xd)`, in order."""
+class _Forms(Gather):
+    """The forms of the learned leaves at a state `(x, xd)`."""
 
     def visit_leaf(self, leaf, state):
         return (leaf(*state),) if isinstance(leaf, Learned) else ()
 
-    def visit_sum(self, nodes, state):
-        return tuple(form for node in nodes for form in node.accept(self, state))
-
     def visit_pullback(self, task_map, node, state):
         return node.accept(self, jax.jvp(task_map, *((part,) for part in state))) if _learns(node) else ()
-
-    def visit_batched(self, node, shared, state):
-        return at_points(self, node, shared, state)
 
 
 class _Hold(Rebuild):

@@ -38,8 +38,7 @@ def synthetic_demonstrations(task: str, seed: int = 0, count: int = 6) -> Demons
     a noisy 30 Hz tracker); the same `seed` and `count` give the same demonstrations; `count`, at least 2.
     **Raises** `UnknownNameError` for another task; `DemonstrationError` for a count below 2.
     """
-    if task not in _SCRIPTS:
-        raise UnknownNameError("synthetic task", task, SYNTHETIC_TASKS)
+    UnknownNameError.check("synthetic task", task, SYNTHETIC_TASKS)
     rng = np.random.default_rng([seed, SYNTHETIC_TASKS.index(task)])
     shift = rng.uniform(size=3)
     places = [(shift + k * np.array([0.8191725, 0.6710436, 0.5497005])) % 1.0 for k in range(count)]  # fills the cube

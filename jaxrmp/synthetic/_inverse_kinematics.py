@@ -4,13 +4,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._errors import DemonstrationError, MissingDependencyError
+from .._errors import DemonstrationError, importing
 from ..kinematics import Robot, forward_kinematics
 
-try:
+with importing("scipy", "learning"):
     from scipy.optimize import least_squares
-except ImportError as error:
-    raise MissingDependencyError("scipy", "learning") from error
 
 _LEVER = 0.2  # metres by which an orientation error counts as a position error
 _POSTURE = 4e-3  # metres per radian away from the reference posture

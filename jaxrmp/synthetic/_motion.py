@@ -4,12 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .._errors import MissingDependencyError
+from .._errors import importing
 
-try:
+with importing("scipy", "learning"):
     from scipy.spatial.transform import Rotation
-except ImportError as error:
-    raise MissingDependencyError("scipy", "learning") from error
 
 
 @dataclass(frozen=True)

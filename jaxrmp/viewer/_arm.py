@@ -8,7 +8,7 @@ from .._errors import RobotError
 from .._rotations import quaternion_of_rotation
 from ..kinematics import Robot, panda
 from ..world import RobotSpheres, geometry_of_model
-from ._shapes import seen, shapes_of
+from ._shapes import add_shape, seen, shapes_of
 
 _SPHERES = (230, 120, 30)
 _HAND, _LINKS = (90, 100, 112), ((238, 240, 243), (206, 213, 222))
@@ -34,18 +34,9 @@ class ArmView:
         tinted = _tints([name_of[shape.body] for shape in shapes]) if robot.fingerprint == panda().fingerprint else {}
         for i, shape in enumerate(shapes):
             name = name_of[shape.body]
-            scene.add_mesh_simple(
-                f"/arm/{name}/shape_{i}",
-                shape.vertices,
-                shape.faces,
-                color=tinted.get(name, tuple(round(255 * v) for v in shape.rgba[:3])),
-                flat_shading=shape.flat,
-                cast_shadow=False,
-                receive_shadow=False,
-            )
-        self._spheres = (
-            [_sphere_node(scene, name, spheres) for name in dict.fromkeys(spheres.frames)] if spheres else []
-        )
+            add_shape(scene, f"/arm/{name}/shape_{i}", shape, tinted.get(name))
+        covered = dict.fromkeys(spheres.frames) if spheres else ()
+        self._spheres = [_sphere_node(scene, name, spheres) for name in covered]
 
     def move(self, poses: np.ndarray) -> None:
         """Put the links at `poses` [F, 4, 4] of `frames`."""

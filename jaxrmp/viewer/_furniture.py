@@ -8,7 +8,7 @@ from .._rotations import rotation_of_quaternion
 from ..kinematics._mujoco import import_mujoco
 from ..scenes import Scene
 from ._poses import place
-from ._shapes import shapes_of
+from ._shapes import add_shape, shapes_of
 
 
 class FurnitureView:
@@ -25,18 +25,8 @@ class FurnitureView:
         bodies = self._carried()
         geoms = [g for g in range(scene.model.ngeom) if int(scene.model.geom_bodyid[g]) in bodies]
         for i, shape in enumerate(shapes_of(scene.model, geoms)):
-            server.scene.add_mesh_simple(
-                f"/object/shape_{i}",
-                shape.vertices,
-                shape.faces,
-                color=tuple(round(255 * v) for v in shape.rgba[:3]),
-                flat_shading=True,
-                side="double",
-                cast_shadow=False,
-                receive_shadow=False,
-                position=self._data.xpos[shape.body],
-                wxyz=self._data.xquat[shape.body],
-            )
+            pose = {"position": self._data.xpos[shape.body], "wxyz": self._data.xquat[shape.body]}
+            add_shape(server.scene, f"/object/shape_{i}", shape, flat_shading=True, side="double", **pose)
 
     def move(self, T_world_object: np.ndarray) -> None:
         """Put the object, and all that stands with it, at a pose [4, 4]."""

@@ -35,6 +35,8 @@ class Frame(NamedTuple):
 class LiveLoop:
     """Runs the policy in a thread of its own: 1,000 steps a second of simulated time, as many calls as page updates.
 
+    `failure`, what ended it, if something did that should not have.
+
     **Arguments**: `read`, which gives the `Situation` as it is now and is called once a frame; `q` [n], where the arm
     starts, at rest; `frames`, whose poses are wanted; `hand`, the frame that is pushed; `on_frame`, called with every
     `Frame` in the loop's thread, so it must be quick; `on_stop`, called with a message when the policy cannot go on.
@@ -59,7 +61,7 @@ class LiveLoop:
         self._news = threading.Condition()
         self._frame: Frame | None = None
         self._end = threading.Event()
-        self._failure: BaseException | None = None
+        self.failure: BaseException | None = None
         self._thread = threading.Thread(target=self._run, name="policy", daemon=True)
 
     def prepare(self) -> None:
@@ -78,11 +80,6 @@ class LiveLoop:
             self._thread.join(timeout=10.0)
         with self._news:
             self._news.notify_all()
-
-    @property
-    def failure(self) -> BaseException | None:
-        """What ended the loop, if something did that should not have."""
-        return self._failure
 
     def reset(self, q: np.ndarray) -> None:
         """Put the arm at rest at `q` [n], before the next frame."""
@@ -121,7 +118,7 @@ class LiveLoop:
                 deadline = max(deadline + FRAME, time.perf_counter())
                 self._end.wait(deadline - time.perf_counter())
         except BaseException as error:
-            self._failure = error
+            self.failure = error
             self._end.set()
             with self._news:
                 self._news.notify_all()

@@ -5,7 +5,6 @@ from typing import Any
 import numpy as np
 
 from ..world import Capsules, Spheres, World
-from ._poses import pose_of
 
 BALL_RADIUS = 0.06  # m
 _COLOUR = (204, 77, 51)
@@ -62,8 +61,3 @@ class ObstacleGizmos:
         self._world = World(spheres=balls, capsules=capsules)
         self._last = state
         return self._world
-
-    @property
-    def capsule_middles(self) -> list[np.ndarray]:
-        """Where the capsules' middles are, m."""
-        return [pose_of(gizmo)[:3, 3] for gizmo, *_ in self._capsules]

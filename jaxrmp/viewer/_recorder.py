@@ -1,7 +1,6 @@
 """Demonstrations as they are recorded: begun, ended, played back, thrown away, saved."""
 
 import threading
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -103,11 +102,8 @@ class Recorder:
 
         **Raises** `DemonstrationError` for fewer than two, or, unless `overwrite`, if there are others there.
         """
-        demonstrations = tuple(Demonstration(r.time, r.q, _poses(r)) for r in self.recordings)
+        poses = [{} if r.T_world_target is None else {TARGET: r.T_world_target} for r in self.recordings]
+        demonstrations = tuple(Demonstration(r.time, r.q, T) for r, T in zip(self.recordings, poses, strict=True))
         found = DemonstrationSet(demonstrations, robot.joint_names, robot.name, f"taught in the browser: {folder.name}")
         save_demonstrations(found, folder, overwrite=overwrite)
         return found
-
-
-def _poses(recording: Recording) -> Mapping[str, np.ndarray]:
-    return {} if recording.T_world_target is None else {TARGET: recording.T_world_target}

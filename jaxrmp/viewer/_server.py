@@ -5,17 +5,15 @@ import io
 import socket
 from typing import Any
 
-from .._errors import ConfigurationError, MissingDependencyError
+from .._errors import ConfigurationError, importing
 
 ADDRESS = "127.0.0.1"
 
 
 def import_viser() -> Any:
     """The viser package. **Raises** `MissingDependencyError` without it."""
-    try:
+    with importing("viser", "viewer"):
         import viser
-    except ImportError as error:
-        raise MissingDependencyError("viser", "viewer") from error
     return viser
 
 

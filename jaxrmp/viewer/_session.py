@@ -189,7 +189,7 @@ class Session:
 
     def notify(self, message: str) -> None:
         """Show `message` to the person on the page."""
-        self.play.label, self.play.icon = ("Pause", "player-pause") if self.loop.playing else ("Play", "player-play")
+        self.set_playing(self.loop.playing)
         for client in self.server.get_clients().values():
             client.add_notification("jaxrmp", message)
 
@@ -290,17 +290,14 @@ class Session:
             if name in shares:
                 shares[name] += float(share)
             gaps[name] = min(gaps.get(name, np.inf), float(gap))
-        distances = []
-        for name in self._distances:
-            if name == "to furniture":
-                T = np.asarray(frame.situation.T_world_target, float)
-                distances.append(self.furniture.clearance(frame.q, T) if self.furniture else _FAR)
-            else:
-                distances.append(gaps.get(_DISTANCES[name], _FAR))
         watched = frame.watched
         energies = (watched.energy, watched.allowed)
         if np.isfinite(energies).all():
-            near = [min(distance, _FAR) for distance in distances]
+            distances = {name: gaps.get(leaf, _FAR) for name, leaf in _DISTANCES.items()}
+            if self.furniture:
+                T = np.asarray(frame.situation.T_world_target, float)
+                distances["to furniture"] = self.furniture.clearance(frame.q, T)
+            near = [min(distances[name], _FAR) for name in self._distances]
             self.plots.add(frame.time, energies, np.array(list(shares.values())), near)
         void = [name for name, sure in zip(found.names, found.certified, strict=True) if not sure]
         state = "certified: V may only fall" if not void else f"not certified: {', '.join(dict.fromkeys(void))}"
@@ -321,12 +318,9 @@ class _Kept:
     def __call__(self, name: str, key: Any, value: Any) -> Any:
         known = self._values.get(name)
         if known is None or known[0] != key:
-            known = self._values[name] = (key, value, _on_device(value))  # the value too: its identity may be the key
+            # The value too, for its identity may be the key.
+            known = self._values[name] = (key, value, jax.tree.map(jnp.asarray, single(value)))
         return known[2]
-
-
-def _on_device(value: Any) -> Any:
-    return jax.tree.map(jnp.asarray, single(value))
 
 
 def _with_slots(content: Content) -> World:

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .._errors import MissingDependencyError
+from .._errors import importing
 from .._rotations import rotation_of_quaternion
 from ..kinematics._mujoco import import_mujoco
 
@@ -43,6 +43,13 @@ def shapes_of(model: Any, geoms: Iterable[int]) -> list[Shape]:
     return shapes
 
 
+def add_shape(scene: Any, name: str, shape: Shape, color: tuple[int, int, int] | None = None, **settings: Any) -> None:
+    """Put a shape on a page's `scene` as the node `name`, in its own colour unless another is given; no shadows."""
+    settings = {"flat_shading": shape.flat, "cast_shadow": False, "receive_shadow": False, **settings}
+    own = tuple(round(255 * v) for v in shape.rgba[:3])
+    scene.add_mesh_simple(name, shape.vertices, shape.faces, color=color or own, **settings)
+
+
 def seen(model: Any) -> list[int]:
     """The geometries of a robot that are there to be looked at: those that collide with nothing, such as visual meshes,
     if there are any on its links, else all."""
@@ -59,10 +66,8 @@ def _colour(model: Any, g: int) -> tuple[float, float, float, float]:
 
 def _triangles(model: Any, g: int) -> tuple[np.ndarray, np.ndarray, bool] | None:
     """Vertices and faces of one geometry in its own frame, and whether it has edges; None for kinds without."""
-    try:
+    with importing("trimesh", "viewer"):
         from trimesh import creation
-    except ImportError as error:
-        raise MissingDependencyError("trimesh", "viewer") from error
     kinds = import_mujoco().mjtGeom
     kind, (a, b, c) = kinds(model.geom_type[g]), (float(v) for v in model.geom_size[g])
     if kind == kinds.mjGEOM_MESH:

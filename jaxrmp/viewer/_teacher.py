@@ -64,23 +64,16 @@ class Teacher(Session):
             self.mark = gui.add_button("Mark target at the hand", icon="focus-2")
             self.save = gui.add_button("Save", icon="device-floppy", color="green")
             self.told = gui.add_markdown("Press Record, drag the hand, press Stop. Six times make a skill.")
-        for button, act in (
-            (self.record, self._toggle_recording),
-            (self.replay, self._replay),
-            (self.discard, self._discard),
-            (self.mark, self._mark),
-            (self.save, self._save),
-            (self.mode, self._change_mode),
-        ):
-            on = button.on_update if button is self.mode else button.on_click
-            on(self._guarded_action(act))
+        self.mode.on_update(self._guarded_action(self._change_mode))
+        self.record.on_click(self._guarded_action(self._toggle_recording))
+        for name in ("replay", "discard", "mark", "save"):
+            getattr(self, name).on_click(self._guarded_action(getattr(self, f"_{name}")))
 
     def _joint_sliders(self, gui: Any) -> list[Any]:
         robot, sliders = self.content.policy.robot, []
         rows = zip(robot.joint_names, np.asarray(robot.lower), np.asarray(robot.upper), self.content.q, strict=True)
         for name, low, high, q in rows:
-            low, high = (v if np.isfinite(v) else w for v, w in ((low, -np.pi), (high, np.pi)))
-            low, high = float(low), float(high)
+            low, high = (float(v if np.isfinite(v) else w) for v, w in ((low, -np.pi), (high, np.pi)))
             value = float(np.clip(q, low, high))
             sliders.append(gui.add_slider(name, low, high, step=0.001, initial_value=value, visible=False))
         return sliders

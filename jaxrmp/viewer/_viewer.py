@@ -39,7 +39,9 @@ class Viewer(Session):
             return
         targets = np.asarray(self.skill.targets, float)
         add_outline(server, "/lines/target_triangle", targets, TARGET)
-        self._hand_triangle(server, self.skill)
+        if len(set(self.skill.frames)) == 1:  # the control points on the arm, as a triangle below their frame
+            name = f"/arm/{self.skill.frames[0]}/control_points"
+            add_outline(server, name, np.asarray(self.skill.offsets, float), REPRODUCED)
         if self.prepared is None:
             server.gui.add_markdown("The demonstrations that the skill was learned from are not where they were.")
             return
@@ -93,15 +95,3 @@ class Viewer(Session):
         place(self._frame, np.asarray(frame.situation.T_world_target, float))
         for name, lines in tuple(self._lines.items()):  # another thread adds to them
             lines.show(bool(self.shown[name].value), bool(self.shown["triangles"].value))
-
-    def _hand_triangle(self, server: Any, skill: Skill) -> None:
-        """The control points on the arm, as a triangle below their frame (where all are on one)."""
-        if len(set(skill.frames)) == 1:
-            name = f"/arm/{skill.frames[0]}/control_points"
-            add_outline(server, name, np.asarray(skill.offsets, float), REPRODUCED)
-
-
-def control_points(skill: Skill, poses: dict[str, np.ndarray]) -> np.ndarray:
-    """Where the control points are [K, 3], m, given the poses [4, 4] of their frames."""
-    T = np.stack([poses[name] for name in skill.frames])
-    return np.einsum("kij,kj->ki", T[:, :3, :3], np.asarray(skill.offsets)) + T[:, :3, 3]

@@ -36,10 +36,8 @@ class EnergyWatch:
         a step was taken in it."""
         if not stepped:
             return self._seen
-        (start, end), (before_last, with_last) = (
-            np.asarray(reading.energy, float),
-            np.asarray(reading.dissipated, float),
-        )
+        parts = (reading.energy, reading.dissipated)
+        (start, end), (before_last, with_last) = (np.asarray(part, float) for part in parts)
         allowed = self._seen.allowed - self._later
         if changed or not np.isfinite([allowed, self._seen.energy]).all():
             allowed = start

@@ -1,19 +1,14 @@
 """The Lyapunov function along rollouts: does it ever rise?"""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from ..learning import Reproduction
-from ._style import label_axes, legend_below, new_figure, series_style
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from ._style import Figure, label_axes, legend_below, new_figure, series_style
 
 _ROUNDING = 1e-6  # a smaller share of the range is rounding in single precision
 
 
-def energy_figure(reproduction: Reproduction) -> "Figure":
+def energy_figure(reproduction: Reproduction) -> Figure:
     """The whole policy's Lyapunov function V and the joint speed along every rollout of `reproduction`.
 
     V is shown above its lowest value, as a share of its range; its largest rise in one step stands in the title.

@@ -1,15 +1,10 @@
 """What came of many starts, in pictures."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from ..evaluation import KINDS, Evaluation, regions
 from ..simulation import End
-from ._style import BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILLION, label_axes, legend_below, new_figure
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from ._style import BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILLION, Figure, label_axes, legend_below, new_figure
 
 _COLOURS = {
     End.CONVERGED: BLUE,
@@ -21,7 +16,7 @@ _COLOURS = {
 }
 
 
-def evaluation_figures(evaluation: Evaluation) -> dict[str, tuple["Figure", str]]:
+def evaluation_figures(evaluation: Evaluation) -> dict[str, tuple[Figure, str]]:
     """Figures of `evaluation`, by their headings, each with a sentence on what it shows.
 
     **Raises** `MissingDependencyError` without matplotlib.
@@ -41,7 +36,7 @@ def evaluation_figures(evaluation: Evaluation) -> dict[str, tuple["Figure", str]
     }
 
 
-def _starts_figure(evaluation: Evaluation) -> "Figure":
+def _starts_figure(evaluation: Evaluation) -> Figure:
     figure = new_figure(10, 5)
     views = figure.subplots(1, 2)
     hand, kind = evaluation.start_hand, evaluation.ends.kind
@@ -57,7 +52,7 @@ def _starts_figure(evaluation: Evaluation) -> "Figure":
     return figure
 
 
-def _regions_figure(evaluation: Evaluation) -> "Figure":
+def _regions_figure(evaluation: Evaluation) -> Figure:
     found = list(regions(evaluation.start_hand, evaluation.start_error))
     figure = new_figure(9, 0.8 + 0.4 * len(found))
     axes = figure.subplots()
@@ -74,7 +69,7 @@ def _regions_figure(evaluation: Evaluation) -> "Figure":
     return figure
 
 
-def _times_figure(evaluation: Evaluation) -> "Figure":
+def _times_figure(evaluation: Evaluation) -> Figure:
     figure = new_figure(8, 3.5)
     axes = figure.subplots()
     times = np.sort(evaluation.seconds[evaluation.ends.kind == End.CONVERGED])
@@ -85,7 +80,7 @@ def _times_figure(evaluation: Evaluation) -> "Figure":
     return figure
 
 
-def _worst_figure(evaluation: Evaluation) -> "Figure":
+def _worst_figure(evaluation: Evaluation) -> Figure:
     figure = new_figure(11, 3.5)
     rise, clearance, margin = figure.subplots(1, 3)
     track = evaluation.outcomes.track

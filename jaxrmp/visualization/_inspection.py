@@ -1,20 +1,17 @@
 """Which leaf is doing that, and when?"""
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from .._errors import ShapeError
 from ..inspection import Inspection
-from ._style import BLACK, label_axes, legend_below, new_figure, series_style
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from ._style import BLACK, Figure, label_axes, legend_below, new_figure, series_style
 
 _OTHERS = "#BBBBBB"
 
 
-def inspection_figure(inspection: Inspection, time: Any, rows: int = 6) -> "Figure":
+def inspection_figure(inspection: Inspection, time: Any, rows: int = 6) -> Figure:
     """Every leaf's part in a rollout over time.
 
     Above, the leaves' shares of the force and of the metric at the root, stacked; below, each leaf's gap (the

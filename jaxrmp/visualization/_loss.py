@@ -1,17 +1,12 @@
 """How the training of the metrics went."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from ..learning import Learning
-from ._style import label_axes, legend_below, new_figure, series_style
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from ._style import Figure, label_axes, legend_below, new_figure, series_style
 
 
-def loss_figure(learning: Learning) -> "Figure":
+def loss_figure(learning: Learning) -> Figure:
     """The regression loss of every subtask's metric in `learning` against the training update.
 
     **Returns** a matplotlib `Figure`. **Raises** `MissingDependencyError` without matplotlib.

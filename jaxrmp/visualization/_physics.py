@@ -1,17 +1,12 @@
 """What happened in trials in physics, over time."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from ..simulation import Run
-from ._style import BLACK, GREY, label_axes, new_figure, series_style
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from ._style import BLACK, GREY, Figure, label_axes, new_figure, series_style
 
 
-def physics_figure(run: Run) -> "Figure":
+def physics_figure(run: Run) -> Figure:
     """What the scene has plotted, if anything, the joint speeds and the torques as shares of their limits, over time,
     for every trial of `run`.
 

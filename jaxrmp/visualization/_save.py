@@ -4,7 +4,6 @@ import io
 import os
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from .._files import atomic_write
 from ..learning import Learning, PreparedDemonstrations, Reproduction
@@ -12,13 +11,11 @@ from ..simulation import Run
 from ._energy import energy_figure
 from ._loss import loss_figure
 from ._physics import physics_figure
+from ._style import Figure
 from ._triangles import triangle_figure
 from ._vector_field import vector_field_figure
 from ._video import snapshots
 from ._widths import width_figure
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 
 def save_learning_figures(learning: Learning, folder: str | os.PathLike) -> list[Path]:
@@ -72,14 +69,14 @@ def save_physics_figures(
     return paths
 
 
-def png(figure: "Figure", dpi: int = 110) -> bytes:
+def png(figure: Figure, dpi: int = 110) -> bytes:
     """`figure` as the bytes of a PNG file of `dpi` dots per inch, for a page."""
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png", dpi=dpi)
     return buffer.getvalue()
 
 
-def _save(figure: "Figure", path: Path) -> Path:
+def _save(figure: Figure, path: Path) -> Path:
     with atomic_write(path) as file:
         figure.savefig(file, format="png", dpi=150)
     return path

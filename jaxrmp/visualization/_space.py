@@ -1,13 +1,11 @@
 """Three-dimensional panels: equal scales, a telling view, and each box as large as its place on the page allows."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-    from mpl_toolkits.mplot3d import Axes3D
+from ._style import Axes3D, Figure
 
 _PAD = 0.04  # of the largest extent, around the points
 _THINNEST = 0.25  # of the largest extent: a flatter box has no room for its own tick labels
@@ -15,8 +13,8 @@ _TITLE, _LEGEND = 0.35, 0.45  # inches above each panel and below all of them
 
 
 def space_panels(
-    figure: "Figure", points: np.ndarray, titles: Sequence[str], columns: int, fontsize: float = 11
-) -> "list[Axes3D]":
+    figure: Figure, points: np.ndarray, titles: Sequence[str], columns: int, fontsize: float = 11
+) -> list[Axes3D]:
     """One panel a title, in rows of `columns`, all with the same view of a box around `points` [S, 3], m."""
     figure.set_layout_engine("none")  # the layout engines know nothing of what sticks out of a 3-D box
     rows = -(-len(titles) // columns)
@@ -48,7 +46,7 @@ def view_angles(points: np.ndarray) -> tuple[float, float]:
     return float(np.clip(np.degrees(np.arcsin(normal[2])), 20.0, 45.0)), float(azimuth)
 
 
-def _set_box(axes: "Axes3D", points: np.ndarray) -> np.ndarray:
+def _set_box(axes: Axes3D, points: np.ndarray) -> np.ndarray:
     """Limits, view and labels; returns the box's edge lengths, m."""
     low, high = points.min(0), points.max(0)
     size = np.maximum(high - low, _THINNEST * (high - low).max()) + 2 * _PAD * (high - low).max()
@@ -66,7 +64,7 @@ def _set_box(axes: "Axes3D", points: np.ndarray) -> np.ndarray:
     return size
 
 
-def _fit(figure: "Figure", axes: "Axes3D", size: np.ndarray) -> tuple[np.ndarray, float]:
+def _fit(figure: Figure, axes: Axes3D, size: np.ndarray) -> tuple[np.ndarray, float]:
     """The shift (of the figure's size) and zoom with which a box and its labels just fill the axes' place."""
     zoom, place = 1.0, axes.get_position(original=True).transformed(figure.transFigure)
     box = place
@@ -79,7 +77,7 @@ def _fit(figure: "Figure", axes: "Axes3D", size: np.ndarray) -> tuple[np.ndarray
     return shift / figure.bbox.size, zoom
 
 
-def _extent(axes: "Axes3D"):
+def _extent(axes: Axes3D):
     """Where the box with its ticks and labels lies on the page, pixels; after a draw."""
     from matplotlib.transforms import Bbox
     from mpl_toolkits.mplot3d.proj3d import proj_transform

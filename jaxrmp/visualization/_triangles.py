@@ -1,22 +1,16 @@
 """Demonstrated and reproduced control points in space."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from .._errors import ShapeError
 from ..learning import PreparedDemonstrations, Reproduction, resample_by_arc_length
 from ._space import space_panels
-from ._style import BLACK, BLUE, GOAL, VERMILLION, legend_below, new_figure
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-    from mpl_toolkits.mplot3d import Axes3D
+from ._style import BLACK, BLUE, GOAL, VERMILLION, Axes3D, Figure, legend_below, new_figure
 
 _INSTANTS = 8
 
 
-def triangle_figure(prepared: PreparedDemonstrations, reproduction: Reproduction) -> "Figure":
+def triangle_figure(prepared: PreparedDemonstrations, reproduction: Reproduction) -> Figure:
     """Where the control points went in each demonstration and where they go in its reproduction, one panel each.
 
     At instants even in arc length the points are joined up, three to a triangle; the lines are the paths of their
@@ -61,7 +55,7 @@ def outlines(points: np.ndarray, instants: int = _INSTANTS) -> np.ndarray:
     return np.concatenate([shapes, closing, gap], axis=1).reshape(-1, 3)
 
 
-def _draw(axes: "Axes3D", points: np.ndarray, color: str, width: float, label: str) -> None:
+def _draw(axes: Axes3D, points: np.ndarray, color: str, width: float, label: str) -> None:
     # Unclipped: the box may reach beyond the square that matplotlib gives to 3-D axes.
     axes.plot(*points.mean(1).T, color=color, linewidth=0.7 * width, clip_on=False)
     marker = "o" if points.shape[1] == 1 else None

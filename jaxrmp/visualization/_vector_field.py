@@ -1,24 +1,18 @@
 """The learned field of one subtask: the potential alone, and warped by the metric."""
 
-from typing import TYPE_CHECKING
-
 import jax
 import numpy as np
 
 from .._errors import UnknownNameError
 from ..learning import Learning
 from ._plane import Plane, demonstration_plane, field_on_plane, fields_at
-from ._style import BLACK, BLUE, GOAL, GREY, VERMILLION, label_axes, legend_below, new_figure
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+from ._style import BLACK, BLUE, GOAL, GREY, VERMILLION, Axes, Figure, label_axes, legend_below, new_figure
 
 _GRID = 101  # points along the longer side
 _MARGIN = 0.15  # of the longer side
 
 
-def vector_field_figure(learning: Learning, subtask: int = 0) -> "Figure":
+def vector_field_figure(learning: Learning, subtask: int = 0) -> Figure:
     """How a subtask would move from everywhere near its demonstrations, before and after the metric warps it.
 
     Left `-grad Phi`, right `-M^-1 grad Phi`, each with the contours of Phi and the mean cosine to the demonstrated
@@ -31,8 +25,7 @@ def vector_field_figure(learning: Learning, subtask: int = 0) -> "Figure":
     Rana et al. 2019, figures 1b and 1c.
     """
     names = learning.skill.subtasks
-    if subtask not in range(len(names)):
-        raise UnknownNameError("subtask index", subtask, range(len(names)))
+    UnknownNameError.check("subtask index", subtask, range(len(names)))
     learned = jax.tree.map(lambda a: a[subtask], learning.skill.learned)
     positions = learning.prepared.subtasks.positions[subtask]
     directions = learning.prepared.subtasks.directions[subtask]
@@ -75,7 +68,7 @@ def mean_cosine(field: np.ndarray, directions: np.ndarray, positions: np.ndarray
     return float(np.mean(along / np.maximum(np.linalg.norm(field, axis=-1)[away], 1e-12)))
 
 
-def _demonstrations(axes: "Axes", paths: np.ndarray, nominal: int) -> None:
+def _demonstrations(axes: Axes, paths: np.ndarray, nominal: int) -> None:
     others = [path for n, path in enumerate(paths) if n != nominal]
     for n, path in enumerate(others):
         axes.plot(*path.T, color=BLUE, linewidth=1.5, label="demonstrations" if n == 0 else None)

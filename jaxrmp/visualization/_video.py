@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from .._errors import ConfigurationError, MissingDependencyError
+from .._errors import ConfigurationError, importing
 from .._files import atomic_write
 from ..kinematics._mujoco import import_mujoco
 from ..scenes import picture_model
@@ -55,10 +55,8 @@ def save_video(run: Run, path: str | os.PathLike, trials: int = 3) -> Path:
     """
     path = Path(path)
     check_video_name(path)
-    try:
+    with importing("imageio-ffmpeg", "simulation"):
         from imageio_ffmpeg import get_ffmpeg_exe
-    except ImportError as error:
-        raise MissingDependencyError("imageio-ffmpeg", "simulation") from error
     run = _pictured(run)
     height, width = _SIZE
     command = [get_ffmpeg_exe(), "-y", "-loglevel", "error", "-f", "rawvideo", "-pix_fmt", "rgb24"]

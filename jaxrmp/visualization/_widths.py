@@ -1,17 +1,12 @@
 """Why each potential has the kernel width it has."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from ..learning import Learning
-from ._style import BLACK, GOAL, GREY, MARKERS, label_axes, legend_below, new_figure, series_style
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from ._style import BLACK, GOAL, GREY, MARKERS, Figure, label_axes, legend_below, new_figure, series_style
 
 
-def width_figure(learning: Learning) -> "Figure":
+def width_figure(learning: Learning) -> Figure:
     """What was measured with each kernel width tried, for every subtask in `learning`, and which one was chosen.
 
     Left the mean cosine between `-grad Phi` and the demonstrated directions; middle the share of samples beyond 90

@@ -1,17 +1,14 @@
 """Boxes."""
 
-from collections.abc import Iterable
 from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
-from jax.core import Tracer
 
 from .._pytree import pytree
 from .._ranges import Finite, NonNegative
-from .._task_map import check_rigid
 from ._components import components, corner_derivatives, magnitude, outside_corner, rotated, to_local
-from ._obstacles import PaddedObstacles, padded, set_fields
+from ._obstacles import PaddedObstacles
 
 
 @pytree
@@ -33,17 +30,7 @@ class Boxes(PaddedObstacles):
     T_world_box: Any
     half_extents: NonNegative[Finite[Any]]
     active: Any = None
-
-    def __post_init__(self):
-        set_fields(self, T_world_box=(4, 4), half_extents=(3,))
-        if self.size and not isinstance(self.T_world_box, Tracer):
-            check_rigid(self.T_world_box, "T_world_box")
-
-    @classmethod
-    def of(cls, boxes: Iterable = (), capacity: int | None = None) -> "Boxes":
-        """Boxes from `boxes`, pairs (T_world_box, half_extents), padded to `capacity` slots."""
-        (T, half_extents), active = padded("Boxes", boxes, capacity, (np.eye(4), (0.0, 0.0, 0.0)))
-        return cls(T, half_extents, active)
+    _blank = (np.eye(4), (0.0, 0.0, 0.0))
 
     def distance(self, p):
         _, faces = self._local(p)

@@ -8,13 +8,13 @@ import jax.numpy as jnp
 
 from .._errors import ShapeError
 from .._linalg import length
-from .._pytree import pytree
+from .._pytree import as_floats, pytree, set_field
 from .._ranges import Finite, NonNegative
 from .._task_map import Pushforward, TaskMap, pushforward
 from ._boxes import Boxes
 from ._components import Point, along, columns, curvature, difference, dot, gradient, slope
 from ._cylinders import Cylinders
-from ._obstacle_distances import radii_of_points, set_radii
+from ._obstacle_distances import radii_of_points, rows_of
 from ._obstacles import FAR, Obstacles, curved_from
 from ._world import World
 
@@ -53,7 +53,7 @@ class CapsuleDistances(TaskMap):
     radii: NonNegative[Finite[Any]] = 0.0
 
     def __post_init__(self):
-        set_radii(self)
+        set_field(self, "radii", as_floats(self.radii))
 
     def __call__(self, x):
         a, b = self.points_a(x), self.points_b(x)
@@ -161,11 +161,6 @@ def _carried(kind: Obstacles, at_a: Pushforward, at_b: Pushforward) -> Pushforwa
         c_mixed = ridge.share * before + (1 - ridge.share) * after + dot(mixed, along(pull, 2 * rate, step_rate))
         x, y, z = (jnp.where(ridge.is_there, m, plain) for m, plain in zip(mixed, g, strict=True))
         g, c = (x, y, z), jnp.where(ridge.is_there, c_mixed, c)
-    of_a, of_b = _rows(at_a.J), _rows(at_b.J)
+    of_a, of_b = rows_of(at_a.J), rows_of(at_b.J)
     J = dot(tuple(x[..., None] for x in g), along(of_a, t[..., None], difference(of_b, of_a)))
     return Pushforward(kind.distance(p), dot(g, v), J, c)
-
-
-def _rows(J: jax.Array):
-    """The three rows of Jacobians [K, 3, n], each [K, 1, n]."""
-    return J[:, 0, None], J[:, 1, None], J[:, 2, None]

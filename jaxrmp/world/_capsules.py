@@ -1,6 +1,5 @@
 """Capsules."""
 
-from collections.abc import Iterable
 from typing import Any
 
 import jax.numpy as jnp
@@ -9,7 +8,7 @@ from .._linalg import length
 from .._pytree import pytree
 from .._ranges import Finite, NonNegative
 from ._components import along, components, difference, dot, fraction, length_derivatives
-from ._obstacles import PaddedObstacles, padded, set_fields
+from ._obstacles import PaddedObstacles
 
 
 @pytree
@@ -28,15 +27,7 @@ class Capsules(PaddedObstacles):
     end: Finite[Any]
     radius: NonNegative[Finite[Any]]
     active: Any = None
-
-    def __post_init__(self):
-        set_fields(self, start=(3,), end=(3,), radius=())
-
-    @classmethod
-    def of(cls, capsules: Iterable = (), capacity: int | None = None) -> "Capsules":
-        """Capsules from `capsules`, triples (start, end, radius), padded to `capacity` slots."""
-        (start, end, radius), active = padded("Capsules", capsules, capacity, ((0.0,) * 3, (0.0,) * 3, 0.0))
-        return cls(start, end, radius, active)
+    _blank = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0)
 
     def distance(self, p):
         axis, offset = self._axis_and_offset(p)

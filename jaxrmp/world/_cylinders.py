@@ -1,18 +1,15 @@
 """Cylinders."""
 
-from collections.abc import Iterable
 from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
-from jax.core import Tracer
 
 from .._linalg import length
 from .._pytree import pytree
 from .._ranges import Finite, NonNegative
-from .._task_map import check_rigid
 from ._components import corner_derivatives, length_derivatives, magnitude, outside_corner, rotated, to_local
-from ._obstacles import PaddedObstacles, padded, set_fields
+from ._obstacles import PaddedObstacles
 
 
 @pytree
@@ -36,17 +33,7 @@ class Cylinders(PaddedObstacles):
     radius: NonNegative[Finite[Any]]
     half_length: NonNegative[Finite[Any]]
     active: Any = None
-
-    def __post_init__(self):
-        set_fields(self, T_world_cylinder=(4, 4), radius=(), half_length=())
-        if self.size and not isinstance(self.T_world_cylinder, Tracer):
-            check_rigid(self.T_world_cylinder, "T_world_cylinder")
-
-    @classmethod
-    def of(cls, cylinders: Iterable = (), capacity: int | None = None) -> "Cylinders":
-        """Cylinders from `cylinders`, triples (T_world_cylinder, radius, half_length), padded to `capacity` slots."""
-        (T, radius, half_length), active = padded("Cylinders", cylinders, capacity, (np.eye(4), 0.0, 0.0))
-        return cls(T, radius, half_length, active)
+    _blank = (np.eye(4), 0.0, 0.0)
 
     def distance(self, p):
         _, faces = self._local(p)

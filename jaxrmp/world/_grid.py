@@ -9,7 +9,7 @@ from jax.core import Tracer
 
 from .._errors import ShapeError
 from .._linalg import length
-from .._pytree import pytree, set_field, static
+from .._pytree import as_floats, pytree, set_field, static
 from .._ranges import Finite, Positive
 from .._task_map import check_rigid
 from ._components import along, difference, to_local
@@ -55,7 +55,7 @@ class SignedDistanceGrid(Obstacles):
     def __post_init__(self):
         T = np.eye(4) if self.T_world_grid is None else self.T_world_grid
         for name, value in (("values", self.values), ("origin", self.origin), ("spacing", self.spacing)):
-            set_field(self, name, value if isinstance(value, jax.Array) else np.asarray(value, dtype=float))
+            set_field(self, name, as_floats(value))
         if self.values.ndim != 3 or min(self.values.shape) < 2:
             raise ShapeError(f"values has shape {self.values.shape}, expected [nx, ny, nz] with at least 2 a side.")
         if self.origin.shape != (3,) or self.spacing.shape != () or jnp.shape(self.active) != ():
@@ -65,7 +65,7 @@ class SignedDistanceGrid(Obstacles):
             )
         if not isinstance(T, Tracer) and check_rigid(T, "T_world_grid").ndim != 2:
             raise ShapeError(f"T_world_grid has shape {np.shape(T)}, expected (4, 4).")
-        set_field(self, "T_world_grid", T if isinstance(T, jax.Array) else np.asarray(T, dtype=float))
+        set_field(self, "T_world_grid", as_floats(T))
         set_field(self, "active", self.active if isinstance(self.active, jax.Array) else np.asarray(self.active, bool))
 
     @property

@@ -1,6 +1,5 @@
 """Half-spaces: floors, walls, virtual fences."""
 
-from collections.abc import Iterable
 from typing import Any
 
 import jax
@@ -12,7 +11,7 @@ from .._errors import ConfigurationError
 from .._pytree import pytree, set_field
 from .._ranges import Finite
 from ._components import components, dot
-from ._obstacles import PaddedObstacles, padded, set_fields
+from ._obstacles import PaddedObstacles
 
 
 @pytree
@@ -32,9 +31,10 @@ class HalfSpaces(PaddedObstacles):
     normal: Finite[Any]
     offset: Finite[Any]
     active: Any = None
+    _blank = ((0.0, 0.0, 1.0), 0.0)
 
     def __post_init__(self):
-        set_fields(self, normal=(3,), offset=())
+        super().__post_init__()
         numerics: Any = jnp if isinstance(self.normal, jax.Array) else np
         size = numerics.sqrt((self.normal * self.normal).sum(-1))
         if not isinstance(size, Tracer) and (np.asarray(size) == 0).any():
@@ -43,12 +43,6 @@ class HalfSpaces(PaddedObstacles):
             )
         set_field(self, "normal", self.normal / size[:, None])
         set_field(self, "offset", self.offset / size)
-
-    @classmethod
-    def of(cls, half_spaces: Iterable = (), capacity: int | None = None) -> "HalfSpaces":
-        """Half-spaces from `half_spaces`, pairs (normal, offset), padded to `capacity` slots."""
-        (normal, offset), active = padded("HalfSpaces", half_spaces, capacity, ((0.0, 0.0, 1.0), 0.0))
-        return cls(normal, offset, active)
 
     def distance(self, p):
         dtype = p[0].dtype

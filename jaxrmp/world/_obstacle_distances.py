@@ -5,11 +5,10 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 
 from .._errors import ShapeError
 from .._forms import DiagonalForm, NaturalForm
-from .._pytree import pytree, set_field
+from .._pytree import as_floats, pytree, set_field
 from .._ranges import Finite, NonNegative
 from .._task_map import Pushforward, TaskMap, Transport, pull_form, pushforward, transport
 from ..xla import one_loop
@@ -39,7 +38,7 @@ class ObstacleDistances(TaskMap):
     radii: NonNegative[Finite[Any]] = 0.0
 
     def __post_init__(self):
-        set_radii(self)
+        set_field(self, "radii", as_floats(self.radii))
 
     def __call__(self, x):
         p = self.points(x)
@@ -120,15 +119,13 @@ def _forms_of_points(x, y, z, xx, yx, yy, zx, zy, zz):
 def carried(d: jax.Array, g: Point, bend: jax.Array, at: Pushforward) -> Pushforward:
     """The pushforward of distances [K, O] whose normals are `g` and whose second derivatives along pd are `bend`."""
     v, c = columns(at.yd), columns(at.c)
-    rows = (at.J[:, 0, None, :], at.J[:, 1, None, :], at.J[:, 2, None, :])
-    J = dot((g[0][..., None], g[1][..., None], g[2][..., None]), rows)
+    J = dot((g[0][..., None], g[1][..., None], g[2][..., None]), rows_of(at.J))
     return Pushforward(d.reshape(-1), dot(g, v).reshape(-1), J.reshape(-1, J.shape[-1]), (bend + dot(g, c)).reshape(-1))
 
 
-def set_radii(distances: Any) -> None:
-    """Make an array of the `radii` of a map to distances."""
-    radii = distances.radii
-    set_field(distances, "radii", radii if isinstance(radii, jax.Array) else np.asarray(radii, dtype=float))
+def rows_of(J: jax.Array) -> Point:
+    """The three rows of Jacobians [K, 3, n], each [K, 1, n]."""
+    return J[:, 0, None], J[:, 1, None], J[:, 2, None]
 
 
 def radii_of_points(radii: Any, p: jax.Array) -> jax.Array:

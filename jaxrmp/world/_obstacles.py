@@ -2,14 +2,16 @@
 
 import dataclasses
 from collections.abc import Iterable, Sequence
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 
 from .._errors import ConfigurationError, ShapeError
-from .._pytree import set_field
+from .._pytree import as_floats, set_field
+from .._task_map import check_rigid
 from ._components import Point, along, curvature, difference, dot, gradient, slope
 
 FAR = 1e3
@@ -69,7 +71,63 @@ class Obstacles:
 
 
 class PaddedObstacles(Obstacles):
-    """Obstacles of one kind whose fields all have a leading axis of slots."""
+    """Obstacles of one kind whose fields all have a leading axis of slots.
+
+    A kind says what fills a slot that holds nothing, `_blank`, field by field but for `active`, the last: so their
+    shapes are known. Fields [4, 4] are poses.
+    **Raises** `ShapeError` for other shapes, `RigidTransformError` for a pose that is not rigid.
+    """
+
+    _blank: ClassVar[tuple[Any, ...]] = ()
+
+    def __post_init__(self):
+        kind, names = type(self).__name__, [f.name for f in dataclasses.fields(self)]  # type: ignore[arg-type]
+        slots = np.shape(getattr(self, names[0]))[:1]
+        for name, blank in zip(names, self._blank, strict=False):
+            value, shape = as_floats(getattr(self, name)), np.shape(blank)
+            if value.shape != (*slots, *shape) or not slots:
+                row = "".join(f", {s}" for s in shape)
+                raise ShapeError(
+                    f"{name} of {kind} has shape {value.shape}, expected ({slots[0] if slots else 'n'}{row}): one row "
+                    "per obstacle."
+                )
+            if shape == (4, 4) and slots != (0,) and not isinstance(value, Tracer):
+                check_rigid(value, name)
+            set_field(self, name, value)
+        active = np.ones(slots, bool) if self.active is None else self.active
+        active = active if isinstance(active, jax.Array) else np.asarray(active)
+        if active.shape != slots or active.dtype != bool:
+            raise ShapeError(
+                f"active of {kind} has shape {active.shape} and type {active.dtype}, expected {slots} of bool: one per "
+                "obstacle."
+            )
+        set_field(self, "active", active)
+
+    @classmethod
+    def of(cls, rows: Iterable[Sequence] = (), capacity: int | None = None) -> Self:
+        """Obstacles from `rows`, each a tuple of the fields but `active` of one, padded to `capacity` slots.
+
+        **Raises** `ConfigurationError` for more rows than that, or a row with more or fewer entries.
+        """
+        kind, rows = cls.__name__, [tuple(row) for row in rows]
+        capacity = len(rows) if capacity is None else capacity
+        if len(rows) > capacity:
+            raise ConfigurationError(
+                f"{len(rows)} obstacles do not fit into capacity={capacity} of {kind}: give a capacity of at least "
+                f"{len(rows)}."
+            )
+        for i, row in enumerate(rows):
+            if len(row) != len(cls._blank):
+                raise ConfigurationError(f"obstacle {i} of {kind} has {len(row)} entries, expected {len(cls._blank)}.")
+        filled = [*rows, *[cls._blank] * (capacity - len(rows))]
+        columns = []
+        for j, blank in enumerate(cls._blank):
+            column = [row[j] for row in filled]
+            if any(isinstance(v, jax.Array) for v in jax.tree.leaves(column)):
+                columns.append(jnp.stack([jnp.asarray(v, dtype=jnp.result_type(float)) for v in column]))
+            else:
+                columns.append(np.array([np.asarray(v, float) for v in column]).reshape(-1, *np.shape(blank)))
+        return cls(*columns, np.arange(capacity) < len(rows))  # pyright: ignore[reportCallIssue]
 
     def set(self, index: int, **fields: Any) -> Self:
         """The same obstacles with slot `index` given new `fields`; it becomes active unless `active=False` is given.
@@ -91,58 +149,3 @@ class PaddedObstacles(Obstacles):
 def curved_from(step: Point) -> jax.Array:
     """The second derivative along `step` above which an obstacle counts as curved, and not flat, along it."""
     return jnp.finfo(step[0].dtype).eps ** 0.5 * dot(step, step)
-
-
-def padded(
-    kind: str, rows: Iterable[Sequence], capacity: int | None, neutral: Sequence
-) -> tuple[list[Any], np.ndarray]:
-    """Columns of the obstacles given row by row, padded to `capacity` with `neutral`, and the activity mask."""
-    rows = [tuple(row) for row in rows]
-    capacity = len(rows) if capacity is None else capacity
-    if len(rows) > capacity:
-        raise ConfigurationError(
-            f"{len(rows)} obstacles do not fit into capacity={capacity} of {kind}: give a capacity of at least "
-            f"{len(rows)}."
-        )
-    for i, row in enumerate(rows):
-        if len(row) != len(neutral):
-            raise ConfigurationError(f"obstacle {i} of {kind} has {len(row)} entries, expected {len(neutral)}.")
-    filled = [*rows, *[tuple(neutral)] * (capacity - len(rows))]
-    columns = []
-    for j, blank in enumerate(neutral):
-        column = [row[j] for row in filled]
-        if any(isinstance(v, jax.Array) for v in jax.tree.leaves(column)):
-            columns.append(jnp.stack([jnp.asarray(v, dtype=jnp.result_type(float)) for v in column]))
-        elif column:
-            columns.append(np.stack([np.asarray(v, dtype=float) for v in column]))
-        else:
-            columns.append(np.zeros((0, *np.shape(blank))))
-    return columns, np.arange(capacity) < len(rows)
-
-
-def set_fields(obstacles: PaddedObstacles, **shapes: tuple[int, ...]) -> None:
-    """Make arrays of an obstacle kind's fields and check that each has one row of its shape per slot."""
-    kind = type(obstacles).__name__
-    values = {name: _array(getattr(obstacles, name)) for name in shapes}
-    first, *_ = shapes
-    slots = values[first].shape[:1]
-    for name, shape in shapes.items():
-        if values[name].shape != (*slots, *shape) or not slots:
-            row = "".join(f", {s}" for s in shape)
-            raise ShapeError(
-                f"{name} of {kind} has shape {values[name].shape}, expected ({slots[0] if slots else 'n'}{row}): "
-                "one row per obstacle."
-            )
-        set_field(obstacles, name, values[name])
-    active = np.ones(slots, bool) if obstacles.active is None else obstacles.active
-    active = active if isinstance(active, jax.Array) else np.asarray(active)
-    if active.shape != slots or active.dtype != bool:
-        raise ShapeError(
-            f"active of {kind} has shape {active.shape} and type {active.dtype}, expected {slots} of bool: one per "
-            "obstacle."
-        )
-    set_field(obstacles, "active", active)
-
-
-def _array(value: Any) -> Any:
-    return value if isinstance(value, jax.Array) else np.asarray(value, dtype=float)

@@ -2,8 +2,7 @@
 
 import functools
 import os
-from collections.abc import Sequence
-from pathlib import Path
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import jax
@@ -14,7 +13,7 @@ from .._pytree import pytree, set_field, static
 from .._ranges import Finite, NonNegative, require_number
 from .._rotations import rotation_of_quaternion
 from ..kinematics import PANDA_MODEL, ControlPoints, Robot
-from ..kinematics._mujoco import import_mujoco
+from ..kinematics._mujoco import import_mujoco, read_spec
 from ._cover import cover_box, cover_capsule, cover_convex_hull, cover_cylinder, cover_ellipsoid
 
 
@@ -59,8 +58,7 @@ class RobotSpheres:
         **Raises** `UnknownNameError` for a frame without spheres, `ConfigurationError` if none is left.
         """
         for name in frames:
-            if name not in self.frames:
-                raise UnknownNameError("frame with spheres", name, tuple(dict.fromkeys(self.frames)))
+            UnknownNameError.check("frame with spheres", name, tuple(dict.fromkeys(self.frames)))
         rows = [i for i, name in enumerate(self.frames) if name not in frames]
         if not rows:
             raise ConfigurationError(f"no sphere is left without those on {sorted(set(frames))}.")
@@ -106,13 +104,9 @@ def spheres_from_model(
 
 def geometry_of_model(source: str | os.PathLike) -> Any:
     """The compiled MuJoCo model of a file, `source`, with all its bodies and geometry. **Raises** `RobotError`."""
-    mujoco = import_mujoco()
-    if not Path(source).is_file():
-        raise RobotError(f"{source}: there is no such file. Give the path of an MJCF or URDF file.")
+    spec = read_spec(source)
+    spec.compiler.fusestatic = spec.compiler.discardvisual = False
     try:
-        spec = mujoco.MjSpec.from_file(str(source))
-        spec.compiler.fusestatic = False
-        spec.compiler.discardvisual = False
         return spec.compile()
     except (OSError, ValueError) as error:
         raise RobotError(f"{source} cannot be read with its geometry: {error}") from error
@@ -161,20 +155,17 @@ def cover_model(m, max_error, only, source) -> RobotSpheres:
 
 
 def _cover_geometry(m, g: int, max_error: float) -> Any:
-    mujoco = import_mujoco()
-    kind, size = mujoco.mjtGeom(m.geom_type[g]), m.geom_size[g]
-    if kind == mujoco.mjtGeom.mjGEOM_SPHERE:
-        return cover_capsule(size[0], 0.0, max_error)
-    if kind == mujoco.mjtGeom.mjGEOM_CAPSULE:
-        return cover_capsule(size[0], size[1], max_error)
-    if kind == mujoco.mjtGeom.mjGEOM_BOX:
-        return cover_box(size, max_error)
-    if kind == mujoco.mjtGeom.mjGEOM_CYLINDER:
-        return cover_cylinder(size[0], size[1], max_error)
-    if kind == mujoco.mjtGeom.mjGEOM_ELLIPSOID:
-        return cover_ellipsoid(size, max_error)
-    if kind == mujoco.mjtGeom.mjGEOM_MESH:
-        mesh = m.geom_dataid[g]
+    kinds, (a, b, _) = import_mujoco().mjtGeom, m.geom_size[g]
+    kind, mesh = kinds(m.geom_type[g]), m.geom_dataid[g]
+    if kind == kinds.mjGEOM_MESH:
         first = m.mesh_vertadr[mesh]
         return cover_convex_hull(m.mesh_vert[first : first + m.mesh_vertnum[mesh]].astype(float), max_error)
-    return None
+    covers: dict[Any, tuple[Callable, tuple]] = {
+        kinds.mjGEOM_SPHERE: (cover_capsule, (a, 0.0)),
+        kinds.mjGEOM_CAPSULE: (cover_capsule, (a, b)),
+        kinds.mjGEOM_BOX: (cover_box, (m.geom_size[g],)),
+        kinds.mjGEOM_CYLINDER: (cover_cylinder, (a, b)),
+        kinds.mjGEOM_ELLIPSOID: (cover_ellipsoid, (m.geom_size[g],)),
+    }
+    cover, sizes = covers.get(kind, (None, ()))
+    return cover and cover(*sizes, max_error)

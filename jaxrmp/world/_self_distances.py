@@ -11,7 +11,7 @@ from jax.lax import Precision
 from .._errors import ConfigurationError, ShapeError
 from .._forms import DiagonalForm, NaturalForm
 from .._linalg import length
-from .._pytree import pytree, set_field, static
+from .._pytree import as_floats, pytree, set_field, static
 from .._ranges import Finite, NonNegative
 from .._task_map import Pushforward, TaskMap, Transport, pushforward, transport_by_jacobian
 from ..kinematics import ControlPoints
@@ -19,7 +19,7 @@ from ..kinematics._jacobian import line_rows
 from ..kinematics._scalars import cross
 from ..xla import materialise
 from ._components import components, dot, length_derivatives
-from ._obstacle_distances import radii_of_points, set_radii
+from ._obstacle_distances import radii_of_points
 
 
 @pytree
@@ -50,7 +50,7 @@ class SelfDistances(TaskMap):
             if pair[0] == pair[1]:
                 raise ConfigurationError(f"pairs holds {pair}, a point and itself.")
         set_field(self, "pairs", pairs)
-        set_radii(self)
+        set_field(self, "radii", as_floats(self.radii))
 
     def __call__(self, x):
         p = self.points(x)

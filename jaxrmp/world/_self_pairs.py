@@ -26,7 +26,10 @@ def self_pairs(
     links = {name: link_of(robot, name) for name in frames}
     touching = {frozenset(pair) for pair in _neighbours(robot)}
     for name, others in (ignore or {}).items():
-        touching |= {frozenset((_name_of(robot, name), _name_of(robot, other))) for other in others}
+        for pair in ((name, other) for other in others):
+            for frame in pair:
+                UnknownNameError.check("frame in ignore", frame, robot.frame_names)
+            touching.add(frozenset(pair))
     pairs = []
     for j, second in enumerate(frames):
         for i, first in enumerate(frames[:j]):
@@ -64,12 +67,6 @@ def ignored_by_model(source: str | os.PathLike) -> dict[str, tuple[str, ...]]:
 def panda_self_pairs(max_error: float = 0.015) -> tuple[tuple[int, int], ...]:
     """The pairs of `panda_spheres`, of the same `max_error`, that can meet: wrist and hand against the base."""
     return self_pairs(panda(), panda_spheres(max_error).frames, ignored_by_model(PANDA_MODEL))
-
-
-def _name_of(robot: Robot, name: str) -> str:
-    if name not in robot.frame_names:
-        raise UnknownNameError("frame in ignore", name, robot.frame_names)
-    return name
 
 
 def link_of(robot: Robot, name: str) -> int:

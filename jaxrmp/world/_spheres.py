@@ -1,6 +1,5 @@
 """Spheres."""
 
-from collections.abc import Iterable
 from typing import Any
 
 import jax.numpy as jnp
@@ -9,7 +8,7 @@ from .._linalg import length
 from .._pytree import pytree
 from .._ranges import Finite, NonNegative
 from ._components import components, difference, dot, fraction, length_derivatives
-from ._obstacles import PaddedObstacles, padded, set_fields
+from ._obstacles import PaddedObstacles
 
 
 @pytree
@@ -27,15 +26,7 @@ class Spheres(PaddedObstacles):
     center: Finite[Any]
     radius: NonNegative[Finite[Any]]
     active: Any = None
-
-    def __post_init__(self):
-        set_fields(self, center=(3,), radius=())
-
-    @classmethod
-    def of(cls, spheres: Iterable = (), capacity: int | None = None) -> "Spheres":
-        """Spheres from `spheres`, pairs (center, radius), padded to `capacity` slots."""
-        (center, radius), active = padded("Spheres", spheres, capacity, ((0.0, 0.0, 0.0), 0.0))
-        return cls(center, radius, active)
+    _blank = ((0.0, 0.0, 0.0), 0.0)
 
     def distance(self, p):
         dtype = p[0].dtype

@@ -16,6 +16,10 @@ from ._half_spaces import HalfSpaces
 from ._obstacles import FAR, Obstacles
 from ._spheres import Spheres
 
+_PADDED: dict[str, Any] = dict(
+    spheres=Spheres, capsules=Capsules, boxes=Boxes, cylinders=Cylinders, half_spaces=HalfSpaces
+)
+
 
 @pytree
 class World:
@@ -41,14 +45,7 @@ class World:
     grids: tuple[SignedDistanceGrid, ...] = ()
 
     def __post_init__(self):
-        kinds: dict[str, Any] = {
-            "spheres": Spheres,
-            "capsules": Capsules,
-            "boxes": Boxes,
-            "cylinders": Cylinders,
-            "half_spaces": HalfSpaces,
-        }
-        for name, kind in kinds.items():
+        for name, kind in _PADDED.items():
             given = getattr(self, name)
             if given is not None and not isinstance(given, kind):
                 raise ConfigurationError(f"{name} is a {type(given).__name__}, expected {kind.__name__}.")
@@ -63,8 +60,7 @@ class World:
     @property
     def kinds(self) -> tuple[Obstacles, ...]:
         """The kinds that have slots, in order."""
-        padded = (self.spheres, self.capsules, self.boxes, self.cylinders, self.half_spaces)
-        kinds: tuple[Any, ...] = (*padded, *self.grids)
+        kinds: tuple[Any, ...] = (*(getattr(self, name) for name in _PADDED), *self.grids)
         return tuple(kind for kind in kinds if kind is not None and kind.size)
 
     @property

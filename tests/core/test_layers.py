@@ -24,6 +24,7 @@ OPTIONAL = [
     "trimesh",
     "playwright",
     "tqdm",
+    "shtab",
     "mediapy",
     "imageio",
     "imageio_ffmpeg",

@@ -165,7 +165,11 @@ def test_starts_depend_on_the_seed_and_their_index_alone(problem):
         (lambda p: sample_starts(p, 3, margin=2.0), ConfigurationError, "margin is 2.0, which leaves no room"),
         (lambda p: starts_around(p, [[-1.5, -1.5]], 3, spread=0.1), ConfigurationError, "none of .* is free"),
         (lambda p: starts_around(p, [[0.0, 0.0]], 3, spread=-1), ConfigurationError, "spread is -1"),
-        (lambda p: StopCriteria(duration=0), ConfigurationError, "duration is 0, expected a positive number"),
+        (
+            lambda p: StopCriteria(duration=0),
+            ConfigurationError,
+            "duration of StopCriteria is 0.0, expected a positive number",
+        ),
     ],
 )
 def test_bad_starts_are_refused(problem, make, error, message):
