@@ -15,7 +15,8 @@ import jax
 import numpy as np
 from jax.extend.core import ClosedJaxpr
 
-from ._c_text import BITS, INDEX, written
+from ._c_nodes import BITS, INDEX, Node, Source
+from ._c_text import written
 from ._scalar_program import ELEMENTWISE, REDUCTIONS, Builder, NotScalar, Operation, coordinate_program
 
 _LEAST = 4  # coordinates from which on a loop is worth it
@@ -24,34 +25,6 @@ _FLAT_MOST = 3000
 _MOST_KNOWN, _MOST_WRITTEN = 65536, 1024  # numbers of a constant whose values are looked at, and that are written out
 _OF_NUMBERS = frozenset(("add", "add_any", "sub", "mul", "neg", "max", "min", "reduce_max", "reduce_min", "reduce_sum"))
 _KINDS = {"f": "f", "i": "i", "u": "i", "b": "i"}
-
-
-class Source(NamedTuple):
-    """What holds numbers: an argument, an array in memory, or a single variable.
-
-    `shared`, whether it is the same for all states; `kind`, "f" or "i"; `size` in entries; `of`, which argument, or -1;
-    `single`, whether a variable; `table`, the numbers of a constant.
-    """
-
-    shared: bool
-    kind: str
-    size: int
-    of: int = -1
-    single: bool = False
-    table: np.ndarray | None = None
-
-
-class Node(NamedTuple):
-    """What computes a source `out`: `op` and its `settings`, of `places`, over a `shape`.
-
-    `op` is the name of a primitive, elementwise over `shape` or "single", or "dot", "reduce" or "copy".
-    """
-
-    out: int
-    op: str
-    settings: Any
-    places: tuple[np.ndarray, ...]
-    shape: tuple[int, ...]
 
 
 class CProgram(NamedTuple):

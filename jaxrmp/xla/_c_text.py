@@ -1,12 +1,14 @@
 """The text of a C program: the order of its nodes, which loops are one, where arrays are kept, how all is written."""
 
-import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 
-BITS, INDEX = 21, (1 << 21) - 1  # a place is a source's number and, in so many bits, an entry's
+from ._c_loops import affine, blocks, heads, merged, row_major, strides_of
+from ._c_nodes import BITS, INDEX, Node, sources_of, used_by
+from ._c_order import grouped, laid_out
+
 _SIGNS = {
     **dict.fromkeys(("add", "add_any"), "+"),
     **{"sub": "-", "mul": "*", "div": "/", "and": "&", "or": "|", "xor": "^"},
@@ -41,10 +43,11 @@ class _Writer:
         shared = [n for n in self.nodes if self.sources[n.out].shared]
         mapped = [n for n in self.nodes if not self.sources[n.out].shared]
         loads = self.loads(results)
-        shared_groups, groups = self.groups(shared), self.groups(mapped)
+        shared_groups, groups = grouped(shared), grouped(mapped)
         shared_size = self.lay_out_shared(dtypes)
         kept = {int(p) >> BITS for places, _ in results for p in places.reshape(-1) if p >= 0}
-        size = self.lay_out([*loads, *groups], kept)
+        offsets, size = laid_out(self.sources, [*loads, *groups], kept)
+        self.offsets |= offsets
         once = [line for k in range(len(dtypes)) for line in self.shared_load(k, dtypes[k])]
         for group in shared_groups:
             once += self.code(group)
@@ -77,52 +80,6 @@ class _Writer:
         ]
         return "\n".join(lines)
 
-    # Order
-
-    def groups(self, nodes) -> list[list[Any]]:
-        """The nodes in an order in which loops over one shape come together, those that become one as a list."""
-        waiting: dict[int, int] = {}
-        users: dict[int, list[Any]] = {}
-        made = {n.out: n for n in nodes}
-        order = {n.out: k for k, n in enumerate(nodes)}
-        needs = {}
-        for node in nodes:
-            needs[node.out] = {s for s in _used(node) if s in made}
-            waiting[node.out] = len(needs[node.out])
-            for s in needs[node.out]:
-                users.setdefault(s, []).append(node)
-        ready = [n.out for n in nodes if not waiting[n.out]]
-        found: list[list[Any]] = []
-        while ready:
-            group: list[Any] = []
-            own: set[int] = set()
-            while True:
-                fits = [s for s in ready if self.joins(made[s], group, own)]
-                if not fits:
-                    break
-                node = made[min(fits, key=order.__getitem__)]
-                ready.remove(node.out)
-                group.append(node)
-                own.add(node.out)
-                for user in users.get(node.out, ()):
-                    waiting[user.out] -= 1
-                    if not waiting[user.out]:
-                        ready.append(user.out)
-            found.append(group)
-        return found
-
-    def joins(self, node, group, own) -> bool:
-        if not group:
-            return True
-        first = group[0]
-        if not _is_loop(first) or not _is_loop(node) or node.shape != first.shape:
-            return False
-        for places in node.places:
-            used = _sources(places) & own
-            if used and not np.array_equal(places & INDEX, np.arange(places.size).reshape(places.shape)):
-                return False
-        return True
-
     # Memory
 
     def lay_out_shared(self, dtypes) -> int:
@@ -136,38 +93,6 @@ class _Writer:
     def in_place(self, source, dtypes) -> bool:
         """Whether an argument that all states share can be read where it is."""
         return source.of >= 0 and dtypes[source.of] == self.real
-
-    def lay_out(self, groups, kept) -> int:
-        """Offsets of arrays in lanes, so that those of one time are next to each other; how many vectors there are."""
-        last: dict[int, int] = {}
-        for k, group in enumerate(groups):
-            for node in group:
-                for s in (*_used(node), node.out):
-                    last[s] = k
-        free: list[tuple[int, int]] = []
-        size = 0
-        ends: dict[int, list[int]] = {}
-        for s, k in last.items():
-            ends.setdefault(len(groups) if s in kept else k, []).append(s)
-        for k, group in enumerate(groups):
-            for node in group:
-                source = self.sources[node.out]
-                if source.single or (_is_loop(node) and last[node.out] == k and node.out not in kept):
-                    continue
-                need = source.size
-                fit = min((hole for hole in free if hole[1] >= need), key=lambda hole: hole[1], default=None)
-                if fit:
-                    free.remove(fit)
-                    self.offsets[node.out] = fit[0]
-                    if fit[1] > need:
-                        free.append((fit[0] + need, fit[1] - need))
-                else:
-                    self.offsets[node.out] = size
-                    size += need
-            for s in ends.get(k, ()):
-                if s in self.offsets and not self.sources[s].shared:
-                    free = _joined([*free, (self.offsets[s], self.sources[s].size)])
-        return size
 
     # References
 
@@ -230,15 +155,15 @@ class _Writer:
             return lambda _: self.lanes(text, "f" if value.dtype.kind == "f" else "i") if lanes else text
         source = first >> BITS
         index = (places & INDEX).reshape(tuple(sizes))
-        strides = _strides(index)
+        strides = strides_of(index)
         name = None if strides is not None else self.table(index.astype(np.uint32))
         found = self.sources[source]
 
         def read(variables):
             if name is None:
-                where = _affine(int(index.flat[0]), strides, variables)
+                where = affine(int(index.flat[0]), strides, variables)
             else:
-                where = f"{name}[{_affine(0, _row_major(sizes), variables)}]"
+                where = f"{name}[{affine(0, row_major(sizes), variables)}]"
             text = self.at(source, where)
             return self.lanes(text, found.kind) if lanes and found.shared else text
 
@@ -248,10 +173,12 @@ class _Writer:
 
     def loads(self, results):
         """Arguments that each state has its own of, as nodes without operands."""
-        used = {s for node in self.nodes for s in _used(node)}
+        used = {s for node in self.nodes for s in used_by(node)}
         used |= {int(p) >> BITS for places, _ in results for p in places.reshape(-1) if p >= 0}
         return [
-            [_Load(s)] for s, source in enumerate(self.sources) if source.of >= 0 and not source.shared and s in used
+            [Node(s, "load", None, (), ())]
+            for s, source in enumerate(self.sources)
+            if source.of >= 0 and not source.shared and s in used
         ]
 
     def load(self, group, dtypes):
@@ -291,7 +218,7 @@ class _Writer:
             value = f"{vector} x = {read([index])};"
             return f"{value} for (int l = 0; l < count; l++) o[l * {size} + {entry}] = (({single} *)&x)[l]{truth};"
 
-        if size > 4 and len(_sources(flat)) == 1 and (flat >= 0).all():
+        if size > 4 and len(sources_of(flat)) == 1 and (flat >= 0).all():
             lines = [f"for (int e = 0; e < {size}; e++) {{ {one(self.reader(flat, [size], True), 'e', 'e')} }}"]
         else:
             lines = [f"{{ {one(self.reader(place, [], True), '0', e)} }}" for e, place in enumerate(flat)]
@@ -317,11 +244,11 @@ class _Writer:
     def loop(self, group) -> list[str]:
         own = {n.out for n in group}
         shape = group[0].shape
-        reads = [p for n in group for p in n.places if not (_sources(p) & own)]
-        sizes = _merged(shape, [p & INDEX for p in reads if p.flat[0] >= 0 and _strides(p & INDEX) is not None])
+        reads = [p for n in group for p in n.places if not (sources_of(p) & own)]
+        sizes = merged(shape, [p & INDEX for p in reads if p.flat[0] >= 0 and strides_of(p & INDEX) is not None])
         variables = [f"i{k}" for k in range(len(sizes))]
-        flat = _affine(0, _row_major(sizes), variables)
-        lines, inside = _heads(variables, sizes), []
+        flat = affine(0, row_major(sizes), variables)
+        lines, inside = heads(variables, sizes), []
         for node in group:
             out = self.sources[node.out]
             operands = [self.reader(p, sizes, not out.shared)(variables) for p in node.places]
@@ -346,7 +273,7 @@ class _Writer:
             if end - start == 1:
                 lines.append(f"{self.at(node.out, str(start))} = {read(['0'])};")
             else:
-                into = self.at(node.out, _affine(start, [1], ["e"]))
+                into = self.at(node.out, affine(start, [1], ["e"]))
                 lines.append(f"for (int e = 0; e < {end - start}; e++) {into} = {read(['e'])};")
             start = end
         return lines
@@ -380,9 +307,9 @@ class _Writer:
         A, B = node.places
         a, b = self.reader(A, (batch, rows, length), lanes), self.reader(B, (batch, columns, length), lanes)
         lines = [f"for (int n = 0; n < {batch}; n++) {{"]
-        for first, end, m in _blocks(rows, _ROWS):
+        for first, end, m in blocks(rows, _ROWS):
             lines.append(f"    for (int i = {first}; i < {end}; i += {m}) {{")
-            for left, right, c in _blocks(columns, _PRODUCTS // m):
+            for left, right, c in blocks(columns, _PRODUCTS // m):
                 lines.append(f"        for (int j = {left}; j < {right}; j += {c}) {{")
                 pairs = [(r, s) for r in range(m) for s in range(c)]
                 zero = "{0}" if lanes else "0"
@@ -440,91 +367,6 @@ class _Writer:
         if "f" in (old, new):
             return f"__builtin_convertvector({x}, {'V' if new == 'f' else 'VI'})"
         return x
-
-
-class _Load:
-    op, settings, places, shape = "load", None, (), ()
-
-    def __init__(self, out: int):
-        self.out = out
-
-
-def _sources(places: np.ndarray) -> set[int]:
-    return {int(s) for s in np.unique(places[places >= 0] >> BITS)}
-
-
-def _used(node) -> set[int]:
-    return set().union(*map(_sources, node.places)) if node.places else set()
-
-
-def _is_loop(node) -> bool:
-    return bool(node.shape) and node.op not in ("dot", "reduce", "copy")
-
-
-def _strides(index: np.ndarray) -> list[int] | None:
-    """How far entries are apart along each axis, if that is the same everywhere."""
-    corner = (0,) * index.ndim
-    base = int(index[corner])
-    found = []
-    for axis, size in enumerate(index.shape):
-        at = tuple(1 if k == axis else 0 for k in range(index.ndim))
-        found.append(int(index[at]) - base if size > 1 else 0)
-    expected = base
-    for axis, (size, stride) in enumerate(zip(index.shape, found, strict=True)):
-        along = np.arange(size) * stride
-        expected = expected + along.reshape([-1 if k == axis else 1 for k in range(index.ndim)])
-    return found if np.array_equal(np.broadcast_to(expected, index.shape), index) else None
-
-
-def _row_major(sizes: Sequence[int]) -> list[int]:
-    return [math.prod(sizes[k + 1 :]) for k in range(len(sizes))]
-
-
-def _merged(shape: Sequence[int], indices: Sequence[np.ndarray]) -> list[int]:
-    """The sizes of as few loops as run over all of the operands."""
-    strides: list[Any] = [_strides(index.reshape(tuple(shape))) for index in indices]
-    sizes, steps = [shape[0]], [[s[0]] for s in strides]
-    for axis in range(1, len(shape)):
-        size = shape[axis]
-        together = all(
-            sizes[-1] == 1 or size == 1 or own[-1] == s[axis] * size for own, s in zip(steps, strides, strict=True)
-        )
-        if together:
-            for own, s in zip(steps, strides, strict=True):
-                own[-1] = s[axis] if size > 1 else own[-1]
-            sizes[-1] *= size
-        else:
-            sizes.append(size)
-            for own, s in zip(steps, strides, strict=True):
-                own.append(s[axis])
-    return sizes
-
-
-def _affine(base: int, strides: Sequence[int] | None, variables: Sequence[str]) -> str:
-    terms = [v if s == 1 else f"{v} * {s}" for v, s in zip(variables, strides or (), strict=False) if s and v != "0"]
-    return " + ".join([*terms, str(base)] if base or not terms else terms)
-
-
-def _heads(variables, sizes) -> list[str]:
-    return [f"for (int {v} = 0; {v} < {n}; {v}++) {{" for v, n in zip(variables, sizes, strict=True)]
-
-
-def _blocks(size: int, most: int) -> list[tuple[int, int, int]]:
-    """A range as blocks of `most` and what is left over: from, to, and at once."""
-    whole = size - size % most
-    found = [(0, whole, most)] if whole else []
-    return [*found, (whole, size, size - whole)] if size > whole else found
-
-
-def _joined(holes: list[tuple[int, int]]) -> list[tuple[int, int]]:
-    """Free ranges, neighbours as one."""
-    found: list[tuple[int, int]] = []
-    for start, size in sorted(holes):
-        if found and sum(found[-1]) == start:
-            found[-1] = (found[-1][0], found[-1][1] + size)
-        else:
-            found.append((start, size))
-    return found
 
 
 def _power(x: str, y: int) -> str:
