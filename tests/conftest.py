@@ -15,6 +15,8 @@ if not os.environ.get("JAX_COMPILATION_CACHE_DIR"):
     jax.config.update("jax_compilation_cache_dir", str(Path(__file__).parent.parent / ".jax_cache"))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
 
+os.environ.setdefault("JAXRMP_CACHE", str(Path(__file__).parent.parent / ".jax_cache" / "c"))
+
 DISPLAY = bool(os.environ.get("MUJOCO_GL") or os.environ.get("DISPLAY")) or sys.platform != "linux"
 if not DISPLAY and ctypes.util.find_library("OSMesa"):
     os.environ["MUJOCO_GL"] = "osmesa"  # read when mujoco is imported, whichever test does so first

@@ -6,7 +6,6 @@ import jax
 import jax.numpy as jnp
 
 from .._pytree import pytree
-from ._smooth_ratios import tanh_ratio
 from ._with_slope import with_slope
 
 
@@ -53,7 +52,7 @@ def _slope(x, points, biases, end_slope, width, sharpness):
     """`sum_t c_t (x - z_t) - end`, `c_t = w_t (tanh(sharpness r_t) / r_t - (h_t - mean) / width^2)`, h the heights."""
     square, weights = _distances_and_weights(x, points, width)
     heights = log_cosh_of_square(square, sharpness) + biases
-    pull = sharpness * tanh_ratio(sharpness**2 * square)
+    pull = _tanh_ratio_of_square(square, sharpness)
     c = weights * (pull - (heights - weights @ heights) / width**2)
     offset = x - points[-1]
     bell = jnp.exp(-square[-1] / (2 * width**2))
@@ -76,11 +75,33 @@ def _distances_and_weights(x, points, width):
 
 def log_cosh_of_square(square: jax.Array, sharpness: jax.Array | float) -> jax.Array:
     """`log(2 cosh(sharpness r)) / sharpness` from `square = r^2`, with derivatives that exist at r = 0."""
-    z_square = sharpness * sharpness * square
-    # Near r = 0 the slope tanh(sharpness r) / r is a quotient of rounding errors, and the Hessian with it: a series.
-    small = z_square < 1e-6
-    r = jnp.sqrt(jnp.where(small, 1.0, square))
+    z_square, small, r, decay = _of_square(square, sharpness)
     # log1p would be no better, the sum being at least as large as log 2, but it is several times slower.
-    far = r + jnp.log(1 + jnp.exp(-2 * sharpness * r)) / sharpness
-    near = (math.log(2.0) + z_square / 2 - z_square * z_square / 12) / sharpness
-    return jnp.where(small, near, far)
+    far = r + jnp.log(1 + decay) / sharpness
+    return jnp.where(small, _series(z_square, _LOG_COSH) / sharpness, far)
+
+
+def _tanh_ratio_of_square(square, sharpness):
+    """`tanh(sharpness r) / r` from `square = r^2`; of the same parts as `log_cosh_of_square`, which costs less."""
+    z_square, small, r, decay = _of_square(square, sharpness)
+    return jnp.where(small, sharpness * _series(z_square, _TANH_RATIO), (1 - decay) / ((1 + decay) * r))
+
+
+# Coefficients of powers of z^2, for z^2 < _SMALL: near r = 0 quotients and their derivatives are of rounding errors.
+_SMALL = 0.03
+_LOG_COSH = (math.log(2.0), 1 / 2, -1 / 12, 1 / 45, -17 / 2520, 31 / 14175)
+_TANH_RATIO = (1.0, -1 / 3, 2 / 15, -17 / 315, 62 / 2835, -1382 / 155925)
+
+
+def _of_square(square, sharpness):
+    z_square = sharpness * sharpness * square
+    small = z_square < _SMALL
+    r = jnp.sqrt(jnp.where(small, 1.0, square))
+    return jnp.where(small, z_square, 0.0), small, r, jnp.exp(-2 * sharpness * r)
+
+
+def _series(x, coefficients):
+    total = jnp.zeros_like(x)
+    for coefficient in reversed(coefficients):
+        total = total * x + coefficient
+    return total

@@ -31,7 +31,9 @@ from ._switch import is_on
 
 in_lanes_p = Primitive("in_lanes")
 in_lanes_p.multiple_results = True
-_FLAGS = "-std=gnu11 -O2 -march=native -fPIC -shared -fno-math-errno -fno-trapping-math -fno-strict-aliasing"
+# As fast as with -O2, which takes twice as long.
+_FLAGS = "-std=gnu11 -O1 -fexpensive-optimizations -march=native -fno-math-errno -fno-trapping-math"
+_FLAGS += " -fno-strict-aliasing -fPIC -shared"
 _FEWEST = 4  # states from which on lanes are worth it
 
 
