@@ -50,7 +50,7 @@ def in_lanes(function: Callable[..., Any]) -> Callable[..., Any]:
 
     For what is called often with the same shapes, such as a step of a simulation: the C compiler takes seconds. Its
     programs are kept in the folder that the environment variable `JAXRMP_CACHE` names, by default
-    `~/.cache/jaxrmp`. What cannot be said in C is mapped as usual, and the logger `jaxrmp.xla` says why.
+    `~/.cache/jaxrmp/c`. What cannot be said in C is mapped as usual, and the logger `jaxrmp.xla` says why.
     """
 
     @functools.wraps(function)
@@ -130,7 +130,7 @@ def _compiled(text: str) -> Path:
     headers = "".join((here / name).read_text() for name in ("lanes.h", "ffi.h"))
     told = "\0".join((text, headers, _FLAGS, version, _processor(), jax.__version__))
     key = hashlib.sha256(told.encode()).hexdigest()[:32]
-    folder = Path(os.environ.get("JAXRMP_CACHE") or Path.home() / ".cache" / "jaxrmp")
+    folder = Path(os.environ.get("JAXRMP_CACHE") or Path.home() / ".cache" / "jaxrmp" / "c")
     library = folder / f"{key}.so"
     if library.exists():
         return library
