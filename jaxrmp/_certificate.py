@@ -6,6 +6,7 @@ from ._forms import Method, resolve
 from ._pytree import pytree, static
 from ._tree import Node
 from ._visitor import Measurement
+from .xla import in_lanes
 
 
 @pytree
@@ -28,6 +29,7 @@ class Certificate:
         return abs(self.dV_dt + self.dissipation) / (1 + abs(self.energy))
 
 
+@in_lanes
 def certificate(tree: Node, x: jax.Array, xd: jax.Array, method: Method = "cholesky") -> Certificate:
     """Evaluate the certificate of a tree at one state.
 

@@ -17,6 +17,7 @@ from ._linalg import length
 from ._pytree import as_pytree, pytree, set_field, static
 from ._task_map import Selection
 from ._visitor import Leaves, Measured, Measurement, Visitor
+from .xla import in_lanes
 
 
 class Node:
@@ -234,6 +235,7 @@ def batched(*nodes: Node) -> Batched:
     return Batched(jax.tree.map(lambda *parameters: jnp.stack([jnp.asarray(p) for p in parameters]), *nodes))
 
 
+@in_lanes
 def acceleration(tree: Node, q: jax.Array, qd: jax.Array, method: Method = "cholesky") -> jax.Array:
     """The joint acceleration of a whole tree: `qdd = M^+ f` at the root.
 

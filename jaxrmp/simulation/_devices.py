@@ -1,5 +1,6 @@
 """The devices of this process, and a batch of starts spread over them."""
 
+from collections.abc import Callable
 from typing import Any
 
 import jax
@@ -16,6 +17,12 @@ class Devices:
     def __init__(self, devices: list[Any] | None = None):
         self.mesh = Mesh(np.array(jax.local_devices() if devices is None else devices), ("starts",))
 
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Devices) and self.mesh == other.mesh
+
+    def __hash__(self) -> int:
+        return hash(self.mesh)
+
     @property
     def count(self) -> int:
         """How many there are; batches must be multiples of it."""
@@ -28,6 +35,19 @@ class Devices:
     def copied(self, values: Any) -> Any:
         """`values`, a pytree of arrays, whole on every device; numbers in the precision of JAX."""
         return jax.device_put(jax.tree.map(np.asarray, values), NamedSharding(self.mesh, PartitionSpec()))
+
+    def each(self, function: Callable[..., Any]) -> Callable[..., Any]:
+        """`function` of what is whole on every device, and of a split batch, its last argument: each device by itself.
+
+        They never talk, and what is called in C is not cut into parts by XLA.
+        """
+
+        def on_each(*arguments):
+            specs = (*(PartitionSpec() for _ in arguments[1:]), PartitionSpec("starts"))
+            of_devices = {"in_specs": specs, "out_specs": PartitionSpec("starts"), "check_vma": False}
+            return jax.shard_map(function, mesh=self.mesh, **of_devices)(*arguments)
+
+        return on_each
 
     def free_memory(self) -> int | None:
         """Bytes that are free on the fullest device, its share of the machine's memory on a CPU; None if not known."""

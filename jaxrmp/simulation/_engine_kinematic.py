@@ -6,7 +6,6 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.sharding import Mesh, PartitionSpec
 
 from ..xla import in_lanes
 from ._devices import Devices
@@ -64,12 +63,12 @@ class KinematicEngine:
         return 0 if needed is None else needed.temp_size_in_bytes + needed.output_size_in_bytes
 
     def _settings(self):
-        return {"chunk": self.chunk, "every": self.every, "mesh": self.devices.mesh}
+        return {"chunk": self.chunk, "every": self.every, "devices": self.devices}
 
 
-@partial(jax.jit, static_argnames=("chunk", "every", "mesh"))
+@partial(jax.jit, static_argnames=("chunk", "every", "devices"))
 def _advance(
-    problem: Problem, state: KinematicState, criteria: StopCriteria, dt: float, chunk: int, every: int, mesh: Mesh
+    problem: Problem, state: KinematicState, criteria: StopCriteria, dt: float, chunk: int, every: int, devices: Devices
 ):
     def of_one(problem, criteria, dt, state):
         def step(state, _):
@@ -82,10 +81,7 @@ def _advance(
 
         return jax.lax.scan(look, state, length=chunk // every)[0]
 
-    many, same, own = jax.vmap(of_one, in_axes=(None, None, None, 0)), PartitionSpec(), PartitionSpec(*mesh.axis_names)
-    # Each device by itself: they never talk, and what is called in C is not cut into parts by XLA.
-    specs = {"in_specs": (same, same, same, own), "out_specs": own, "check_vma": False}
-    return jax.shard_map(many, mesh=mesh, **specs)(problem, criteria, dt, state)
+    return devices.each(jax.vmap(of_one, in_axes=(None, None, None, 0)))(problem, criteria, dt, state)
 
 
 @in_lanes

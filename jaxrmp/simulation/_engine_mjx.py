@@ -62,7 +62,7 @@ class MjxEngine:
         self._template = self._mjx.make_data(scene.model).replace(
             mocap_pos=jnp.asarray(first.mocap_pos, jnp.float32), mocap_quat=jnp.asarray(first.mocap_quat, jnp.float32)
         )
-        self._advance = jax.jit(lambda problem, state: jax.vmap(lambda s: self._chunk(problem, s))(state))
+        self._advance = jax.jit(self.devices.each(jax.vmap(self._chunk, in_axes=(None, 0))))
 
     def begin(self, q: np.ndarray) -> MjxState:
         """States at rest at `q` [B, n]."""

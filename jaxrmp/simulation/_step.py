@@ -7,6 +7,7 @@ import jax.numpy as jnp
 
 from .._forms import Method, resolve
 from .._tree import Node
+from ..xla import in_lanes
 
 
 class Command(NamedTuple):
@@ -16,6 +17,7 @@ class Command(NamedTuple):
     qdd: jax.Array
 
 
+@in_lanes
 def command(tree: Node, q: jax.Array, qd: jax.Array, method: Method = "cholesky") -> Command:
     """Energy and accelerations of a policy at one state `q`, `qd` [n], in one pass over the tree."""
     found = tree.measure(q, qd)

@@ -127,6 +127,8 @@ class _Program(Builder):
         name, parameters = equation.primitive.name, equation.params
         if name == "one_loop" and not parameters["levels"]:
             return self._of_a_loop(parameters["jaxpr"], operands)
+        if name == "in_lanes" and parameters["places"] is None:
+            return self.run(parameters["jaxpr"].jaxpr, [self.numbers(c) for c in parameters["jaxpr"].consts], operands)
         if name == "gather":
             return [self._gathered(parameters, *operands)]
         if name == "unstack":

@@ -15,16 +15,17 @@ import subprocess
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar, cast
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.extend.core import ClosedJaxpr, Primitive, jaxpr_as_fun
+from jax.core import Tracer
+from jax.extend.core import ClosedJaxpr, Primitive
 from jax.interpreters import ad, batching, mlir
 
 from ._c_program import c_program
-from ._one_loop import bound
+from ._one_loop import as_it_stands, bound, one_by_one
 from ._plan import logger
 from ._scalar_program import NotScalar
 from ._switch import is_on
@@ -45,7 +46,10 @@ class Native(NamedTuple):
     constants: tuple[np.ndarray, ...] = ()
 
 
-def in_lanes(function: Callable[..., Any]) -> Callable[..., Any]:
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+
+def in_lanes(function: Function) -> Function:
     """`function`, to be mapped by `jax.vmap` over a batch: on a CPU, by a C program if there is a C compiler.
 
     For what is called often with the same shapes, such as a step of a simulation: the C compiler takes seconds. Its
@@ -54,16 +58,17 @@ def in_lanes(function: Callable[..., Any]) -> Callable[..., Any]:
     """
 
     @functools.wraps(function)
-    def laned(*arguments):
-        if not is_on():
-            return function(*arguments)
-        return bound(in_lanes_p, function, arguments, places=None, size=0)
+    def laned(*arguments, **options):
+        # Nothing is compiled where nothing is traced.
+        if not is_on() or not any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(arguments)):
+            return function(*arguments, **options)
+        return bound(in_lanes_p, functools.partial(function, **options), arguments, places=None, size=0)
 
-    return laned
+    return cast(Function, laned)
 
 
-def _mapped(*values, jaxpr, places, **_):
-    function = jaxpr_as_fun(jaxpr)
+def _mapped(*values, jaxpr, places, call=as_it_stands, **_):
+    function = functools.partial(call, jaxpr)
     return function(*values) if places is None else jax.vmap(function, in_axes=places)(*values)
 
 
@@ -165,7 +170,7 @@ def _processor() -> str:
         return f"{platform.machine()} {platform.processor()}"
 
 
-in_lanes_p.def_impl(_mapped)
+in_lanes_p.def_impl(functools.partial(_mapped, call=one_by_one))
 in_lanes_p.def_abstract_eval(_shapes)
 batching.primitive_batchers[in_lanes_p] = _batch
 ad.primitive_jvps[in_lanes_p] = _push

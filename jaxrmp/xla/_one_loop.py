@@ -111,11 +111,12 @@ def _arguments_of_tracers(closed: ClosedJaxpr, values: list) -> tuple[ClosedJaxp
     return ClosedJaxpr(opened, [consts[k] for k in known]), [*(consts[k] for k in traced), *values]
 
 
-def _as_it_stands(jaxpr, *values):
+def as_it_stands(jaxpr: ClosedJaxpr, *values: Any) -> list[Any]:
+    """What a function gives."""
     return jaxpr_as_fun(jaxpr)(*values)
 
 
-def _mapped(*values, jaxpr, levels, within, call=_as_it_stands, **_):
+def _mapped(*values, jaxpr, levels, within, call=as_it_stands, **_):
     """The function by `jax.vmap`."""
     function = functools.partial(call, jaxpr)
     for n, level in enumerate(levels):
@@ -134,8 +135,8 @@ def _over(function, places, is_batch):
     return mapped
 
 
-def _one_by_one(jaxpr, *values):
-    """Its operations one after the other, where nothing is compiled as a whole."""
+def one_by_one(jaxpr: ClosedJaxpr, *values: Any) -> list[Any]:
+    """A function's operations one after the other, where nothing is compiled as a whole."""
     if any(equation.primitive.name != "jit" for equation in jaxpr.jaxpr.eqns):  # traced while jit was disabled
         return jaxpr_as_fun(jaxpr)(*values)
     found = dict(zip((*jaxpr.jaxpr.constvars, *jaxpr.jaxpr.invars), (*jaxpr.consts, *values), strict=True))
@@ -235,7 +236,7 @@ def _least(dtype):
     return np.array(-np.inf if jnp.issubdtype(dtype, jnp.floating) else jnp.iinfo(dtype).min, dtype)
 
 
-one_loop_p.def_impl(functools.partial(_mapped, call=_one_by_one))
+one_loop_p.def_impl(functools.partial(_mapped, call=one_by_one))
 one_loop_p.def_abstract_eval(_shapes)
 batching.primitive_batchers[one_loop_p] = _batch
 ad.primitive_jvps[one_loop_p] = _push

@@ -199,7 +199,7 @@ class Builder:
         if name in _INLINED:
             inner = parameters[_INLINED[name]]
             return self.run(inner.jaxpr, [self.numbers(c) for c in inner.consts], operands)
-        if name == "one_loop":
+        if name in ("one_loop", "in_lanes"):
             mapped = functools.partial(equation.primitive.impl, **parameters)
             inner = jax.make_jaxpr(mapped)(*(v.aval for v in equation.invars))
             return self.run(inner.jaxpr, [self.numbers(c) for c in inner.consts], operands)

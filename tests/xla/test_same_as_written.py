@@ -12,7 +12,18 @@ import pytest
 from jax.tree_util import Partial
 
 import jaxrmp
-from jaxrmp import Batched, GeometricDynamicalSystem, Leaf, TaskMap, acceleration, compose, pullback, stack, transport
+from jaxrmp import (
+    Batched,
+    GeometricDynamicalSystem,
+    Leaf,
+    TaskMap,
+    acceleration,
+    compose,
+    pullback,
+    resolve,
+    stack,
+    transport,
+)
 from jaxrmp.io import load_lula
 from jaxrmp.io._axes_and_position import AxesAndPosition
 from jaxrmp.kinematics import ControlPoints, FrameAxes, FrameRotation, PointsInFrame, Position, RelativePoints, panda
@@ -184,12 +195,16 @@ def test_every_map(kind, of, x64):
     assert_same(*both(partial(of, partial(of_map, psi)), *states(MANY, shape)), 1e-9)
 
 
-def policy_24_pairs(goal, q, qd):
+def tree_24_pairs(goal):
     frames = (*(f"panda_link{i}" for i in range(3, 8)), "panda_hand")
     obstacles = World(spheres=Spheres.of([((0.45, 0.1, 0.55), 0.08), ((0.3, 0.3, 0.25), 0.08)] * 2))
     tree = pullback(ControlPoints(ROBOT, ("panda_hand",)), Batched(Attractor(goal), shared=True))
     tree += pullback(ObstacleDistances(ControlPoints(ROBOT, frames), obstacles, 0.08), CollisionAvoidance(reach=0.5))
-    return acceleration(tree + JointLimit(ROBOT.lower, ROBOT.upper) + Damping(), q, qd)
+    return tree + JointLimit(ROBOT.lower, ROBOT.upper) + Damping()
+
+
+def policy_24_pairs(goal, q, qd):
+    return acceleration(tree_24_pairs(goal), q, qd)
 
 
 def arm_states(batch):
@@ -215,11 +230,17 @@ def test_whole_policy_of_24_pairs(of, x64):
 
 def test_what_should_be_taken_apart_is():
     example = np.zeros(3, np.float32), np.zeros(7, np.float32), np.zeros(7, np.float32)
-    parts = report(policy_24_pairs, *example, batch=FEWEST, in_axes=(None, 0, 0))
+    (whole,) = report(policy_24_pairs, *example, batch=FEWEST, in_axes=(None, 0, 0))
+    assert whole.name == "acceleration" and whole.taken_apart
+
+    def in_loops(goal, q, qd):  # as where there is no C compiler
+        return resolve(tree_24_pairs(goal)(q, qd))
+
+    parts = report(in_loops, *example, batch=FEWEST, in_axes=(None, 0, 0))
     assert {part.name for part in parts} >= PARTS
     assert [part for part in parts if not part.taken_apart] == []
     assert max(part.operations for part in parts) <= 3000 < sum(part.operations for part in parts)
-    few = report(policy_24_pairs, *example, batch=FEWEST - 1, in_axes=(None, 0, 0))
+    few = report(in_loops, *example, batch=FEWEST - 1, in_axes=(None, 0, 0))
     assert {part.reason for part in few} == {f"a batch of {FEWEST - 1} < {FEWEST} states"}
 
 
