@@ -22,8 +22,16 @@ from ._scalar_program import ELEMENTWISE, REDUCTIONS, Builder, NotScalar, Operat
 _LEAST = 4  # coordinates from which on a loop is worth it
 _SMALL = 16  # entries of an array that is taken apart, and operations of a product or a sum
 _FLAT_MOST = 3000
+_MOST_SINGLE = 20000  # statements: compilers take more than proportionally long
 _MOST_KNOWN, _MOST_WRITTEN = 65536, 1024  # numbers of a constant whose values are looked at, and that are written out
 _OF_NUMBERS = frozenset(("add", "add_any", "sub", "mul", "neg", "max", "min", "reduce_max", "reduce_min", "reduce_sum"))
+_OF_NOTHING = {
+    "reduce_sum": 0,
+    "reduce_max": -np.inf,
+    "reduce_min": np.inf,
+    "reduce_and": True,
+    "reduce_or": False,
+}
 _KINDS = {"f": "f", "i": "i", "u": "i", "b": "i"}
 
 
@@ -112,6 +120,8 @@ class _Program(Builder):
             self.single_steps += 1
             if self._whole and self.single_steps > self._whole:
                 raise NotScalar(f"more than {_FLAT_MOST:,} operations")
+            if self.single_steps > _MOST_SINGLE:
+                raise NotScalar(f"more than {_MOST_SINGLE:,} operations on single numbers")
             codes = tuple(np.array(x if isinstance(x, int) else self.number(x), dtype=np.int64) for x in step.operands)
             name = _supported(step.primitive.name, step.dtype)
             out = self.source(self.is_shared(*codes), _kind(step.dtype), 1, single=True)
@@ -310,7 +320,7 @@ class _Program(Builder):
         rest = [i for i in range(a.ndim) if i not in axes]
         rows = a.transpose([*rest, *axes]).reshape(math.prod(shape), -1)
         if not rows.shape[1]:
-            raise NotScalar(f"`{name}` of nothing")
+            return np.broadcast_to(self.numbers(_OF_NOTHING[name], dtype), shape)
         if rows.size <= _SMALL or self._whole:
             primitive = REDUCTIONS[name]
             folded = functools.partial(functools.reduce, lambda x, y: self._one(primitive, (), (x, y), dtype))
@@ -374,7 +384,7 @@ def c_program(closed: ClosedJaxpr, mapped: Sequence[bool], name: str = "program"
     kinds = {a.dtype for a in values if a.dtype.kind == "f"}
     if len(kinds) != 1 or (real := next(iter(kinds))) not in (np.float32, np.float64):
         raise NotScalar(f"numbers of type {', '.join(sorted(map(str, kinds))) or 'int alone'}")
-    if odd := {str(a.dtype) for a in values if a.dtype.kind not in "bif"}:
+    if odd := {str(a.dtype) for a in values if a.dtype.kind not in "bif" or a.dtype.itemsize > real.itemsize}:
         raise NotScalar(f"arrays of type {', '.join(sorted(odd))}")
     program = _Program()
     arguments = []

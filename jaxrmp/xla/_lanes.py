@@ -35,6 +35,7 @@ in_lanes_p.multiple_results = True
 # As fast as with -O2, which takes twice as long.
 _FLAGS = "-std=gnu11 -O1 -fexpensive-optimizations -march=native -fno-math-errno -fno-trapping-math"
 _FLAGS += " -fno-strict-aliasing -fPIC -shared"
+_LONGEST = 300  # seconds that the C compiler may take
 _FEWEST = 4  # states from which on lanes are worth it
 
 
@@ -114,17 +115,24 @@ def native_of(jaxpr: ClosedJaxpr, mapped: tuple[bool, ...], name: str) -> Native
     except NotScalar as error:
         logger.info("%s is not written in C: %s", name, error)
         return Native(None, str(error))
-    except OSError as error:
+    except (OSError, subprocess.TimeoutExpired) as error:
         logger.warning("%s is not compiled as C, and runs slower: %s", name, error)
         return Native(None, str(error))
+    except Exception as error:  # of ours: a batch must not fail for what only makes it faster
+        logger.warning("%s cannot be written in C, and runs slower; please report: %r", name, error)
+        return Native(None, repr(error))
     return Native(_registered(library), "", program.constants)
 
 
-@functools.cache
+_known: set[str] = set()
+
+
 def _registered(library: Path) -> str:
     target = f"jaxrmp_{library.stem}"
-    handler = ctypes.CDLL(str(library)).program_ffi
-    jax.ffi.register_ffi_target(target, jax.ffi.pycapsule(handler), platform="cpu")
+    if target not in _known:
+        handler = ctypes.CDLL(str(library)).program_ffi
+        jax.ffi.register_ffi_target(target, jax.ffi.pycapsule(handler), platform="cpu")
+        _known.add(target)
     return target
 
 
@@ -146,7 +154,7 @@ def _compiled(text: str) -> Path:
         mathematics = ["-lmvec", "-lm"] if platform.machine() == "x86_64" and platform.system() == "Linux" else ["-lm"]
         include = [f"-I{here}", f"-I{jax.ffi.include_dir()}"]
         command = [compiler, *_FLAGS.split(), *include, str(source), "-o", str(Path(made, "program.so")), *mathematics]
-        ran = subprocess.run(command, capture_output=True, text=True, check=False)
+        ran = subprocess.run(command, capture_output=True, text=True, check=False, timeout=_LONGEST)
         if ran.returncode:
             raise OSError(f"{' '.join(command[:3])} ...: {ran.stderr.strip()[-300:]}")
         os.replace(Path(made, "program.so"), library)
