@@ -16,7 +16,7 @@ from jax.experimental.xla_metadata import set_xla_metadata
 
 from .._errors import ShapeError
 from ._plan import logger
-from ._switch import is_on
+from ._switch import is_on, one_kernel
 
 _ONE_KERNEL = functools.partial(set_xla_metadata, inlineable="false", xla_cpu_small_call="true")
 _OPTIONS = {"xla_cpu_experimental_ynn_fusion_type": ""}  # matrix products as calls do not go into a kernel
@@ -156,7 +156,8 @@ def _compiled(function: Callable[..., Any], *arguments: Any) -> tuple[Callable[.
     else:
         whole = jax.jit(lambda *a: jax.tree.map(_ONE_KERNEL, inner(*a)), compiler_options=_OPTIONS)
         try:
-            return whole.lower(*arguments).compile(), ""
+            with one_kernel():
+                return whole.lower(*arguments).compile(), ""
         except jax.errors.JaxRuntimeError as error:
             reason = str(error)
             logger.info("%s is not one kernel: %s", getattr(function, "__qualname__", function), reason)

@@ -28,7 +28,7 @@ from ._c_program import c_program
 from ._one_loop import as_it_stands, bound, one_by_one
 from ._plan import logger
 from ._scalar_program import NotScalar
-from ._switch import is_on
+from ._switch import is_on, may_call_c
 
 in_lanes_p = Primitive("in_lanes")
 in_lanes_p.multiple_results = True
@@ -61,7 +61,7 @@ def in_lanes(function: Function) -> Function:
     @functools.wraps(function)
     def laned(*arguments, **options):
         # Nothing is compiled where nothing is traced.
-        if not is_on() or not any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(arguments)):
+        if not may_call_c() or not any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(arguments)):
             return function(*arguments, **options)
         return bound(in_lanes_p, functools.partial(function, **options), arguments, places=None, size=0)
 

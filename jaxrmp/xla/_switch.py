@@ -40,6 +40,19 @@ def machinery(on: bool) -> AbstractContextManager[None]:
     return _on(bool(on))
 
 
+_alone: Any = jax.make_user_context(False)
+
+
+def one_kernel() -> AbstractContextManager[None]:
+    """Within this context, what is traced becomes one kernel of XLA's: nothing in it is called in C."""
+    return _alone(True)
+
+
+def may_call_c() -> bool:
+    """Whether what is traced here may be called in C."""
+    return is_on() and not _alone.value
+
+
 def is_on() -> bool:
     """Whether the machinery is on."""
     return _on.value
