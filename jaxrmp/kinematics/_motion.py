@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..xla import materialise, one_loop
-from ._robot import Joint, KinematicModel
+from ._robot import Joint, KinematicModel, Robot
 from ._scalars import (
     IDENTITY,
     ZERO,
@@ -80,6 +80,15 @@ def move(
                 motion = _slide(motion, axes[i], _displacement(joint, q), rate)
         motions[b] = motion
     return motions, axes
+
+
+def move_frames(
+    robot: Robot, frames: Iterable[str], q: jax.Array, qd: jax.Array | None = None, turns: Turns | None = None
+) -> tuple[list[tuple[int, BodyMotion]], dict[int, JointAxis]]:
+    """Body and motion of each of `frames`, and the axes of the joints above them; the rest as `move`."""
+    places = [robot.model.frames[robot.frame_index(name)] for name in frames]
+    motions, axes = move(robot.model, (place.body for place in places), q, qd, turns)
+    return [(place.body, attach(motions[place.body], place.position, place.rotation)) for place in places], axes
 
 
 def attach(motion: BodyMotion, position: Vector, rotation: Rotation) -> BodyMotion:

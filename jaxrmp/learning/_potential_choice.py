@@ -92,6 +92,4 @@ def alignment(fit: PotentialFit, positions: np.ndarray, directions: np.ndarray) 
     return -(slope * v).sum(-1)[away] / np.maximum(np.linalg.norm(slope, axis=-1)[away], 1e-12)
 
 
-@jax.jit
-def _slopes(potential, x):
-    return jax.vmap(jax.grad(potential))(x)
+_slopes = jax.jit(lambda potential, x: jax.vmap(jax.grad(potential))(x))
