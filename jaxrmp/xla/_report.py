@@ -43,19 +43,17 @@ def report(function: Any, *examples: Any, batch: int, in_axes: int | Sequence[An
     [('Damping.evaluate', True)]
     """
     axes = in_axes if isinstance(in_axes, Sequence) else (in_axes,) * len(examples)
-    many = [example if k is None else _many(example, k, batch) for example, k in zip(examples, axes, strict=True)]
-    with machinery(True):
-        closed = jax.make_jaxpr(jax.vmap(function, in_axes=tuple(axes)))(*many)
-        return list(_parts(closed.jaxpr))
 
-
-def _many(example: Any, axis: int, batch: int) -> Any:
-    def one(x):
+    def widened(x: Any, axis: int) -> jax.ShapeDtypeStruct:
         shape = list(np.shape(x))
         shape.insert(axis, batch)
         return jax.ShapeDtypeStruct(tuple(shape), jax.dtypes.canonicalize_dtype(getattr(x, "dtype", np.result_type(x))))
 
-    return jax.tree.map(one, example)
+    pairs = zip(examples, axes, strict=True)
+    many = [example if k is None else jax.tree.map(lambda x, k=k: widened(x, k), example) for example, k in pairs]
+    with machinery(True):
+        closed = jax.make_jaxpr(jax.vmap(function, in_axes=tuple(axes)))(*many)
+        return list(_parts(closed.jaxpr))
 
 
 def _in_c(parameters: dict[str, Any]) -> Part:
