@@ -56,17 +56,6 @@ def report(function: Any, *examples: Any, batch: int, in_axes: int | Sequence[An
         return list(_parts(closed.jaxpr))
 
 
-def _in_c(parameters: dict[str, Any]) -> Part:
-    places = parameters["places"]
-    if places is None:
-        return Part(parameters["name"], False, 0, "a single state")
-    try:
-        program = c_program(parameters["jaxpr"], tuple(place is not None for place in places))
-    except NotScalar as error:
-        return Part(parameters["name"], False, 0, str(error))
-    return Part(parameters["name"], True, program.operations, "")
-
-
 def _parts(jaxpr: Jaxpr) -> Iterator[Part]:
     for equation in jaxpr.eqns:
         parameters = equation.params
@@ -76,10 +65,15 @@ def _parts(jaxpr: Jaxpr) -> Iterator[Part]:
             yield Part(parameters["name"], plan.program is not None, operations, plan.reason)
             continue
         if equation.primitive is in_lanes_p:
-            part = _in_c(parameters)
-            yield part
-            if part.taken_apart:  # as a whole
-                continue
+            places, reason = parameters["places"], "a single state"
+            if places is not None:
+                try:
+                    program = c_program(parameters["jaxpr"], tuple(place is not None for place in places))
+                    yield Part(parameters["name"], True, program.operations, "")
+                    continue  # as a whole
+                except NotScalar as error:
+                    reason = str(error)
+            yield Part(parameters["name"], False, 0, reason)
             mapped = functools.partial(in_lanes_p.impl, **parameters)
             yield from _parts(jax.make_jaxpr(mapped)(*(v.aval for v in equation.invars)).jaxpr)
         else:
