@@ -124,8 +124,8 @@ def _derivatives(potentials, like):
     return jax.vmap(lambda potential, x: (jax.grad(potential)(x), jax.hessian(potential)(x)))(potentials, origin)
 
 
-@partial(jax.jit, static_argnames=("steps",))
-def _search(potential, x, steps=_STEPS):
+@jax.jit
+def _search(potential, x):
     gradient, hessian = jax.grad(potential), jax.hessian(potential)
 
     def one(x):
@@ -141,7 +141,7 @@ def _search(potential, x, steps=_STEPS):
             stiffness = jnp.clip(stiffness * jnp.where(better, 0.3, 4.0), 1e-8, 1e8)
             return (jnp.where(better, ahead, x), jnp.where(better, g_ahead, g), stiffness), None
 
-        (x, g, _), _ = jax.lax.scan(step, (x, gradient(x), jnp.asarray(1.0, x.dtype)), length=steps)
+        (x, g, _), _ = jax.lax.scan(step, (x, gradient(x), jnp.asarray(1.0, x.dtype)), length=_STEPS)
         return x, g, hessian(x)
 
     return jax.vmap(one)(x)

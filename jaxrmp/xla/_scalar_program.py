@@ -27,19 +27,8 @@ REDUCTIONS = {
     "reduce_or": jax.lax.or_p,
 }
 _KNOWN: dict[str, Callable] = {
-    "add": operator.add,
-    "mul": operator.mul,
-    "sub": operator.sub,
-    "neg": operator.neg,
-    "eq": operator.eq,
-    "ne": operator.ne,
-    "lt": operator.lt,
-    "le": operator.le,
-    "gt": operator.gt,
-    "ge": operator.ge,
-    "and": np.bitwise_and,
-    "or": np.bitwise_or,
-    "not": np.invert,
+    **{name: getattr(operator, name) for name in ("add", "mul", "sub", "neg", "eq", "ne", "lt", "le", "gt", "ge")},
+    **{"and": np.bitwise_and, "or": np.bitwise_or, "not": np.invert},
 }
 Number = np.generic
 
