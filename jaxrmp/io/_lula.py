@@ -91,7 +91,15 @@ class LulaPolicy:
             if frame is None:
                 raise ConfigurationError("the XRDF has no tool_frames: say which frame the targets are for, frame=...")
             self.robot.frame_index(frame)
-            node += self._frame_leaves(frame, position_target, axes)
+            here: Node = self.damping + self.damping_inertia
+            if position_target is not None:
+                here = dataclasses.replace(self.position_target, target=position_target) + here
+            node += pullback(ControlPoints(self.robot, (frame,)), Batched(here, shared=True))
+        if frame is not None and axes:
+            leaf = dataclasses.replace(self.axis_target, position_target=position_target)
+            turns = (dataclasses.replace(leaf, target=target) for target in axes.values())
+            space = FrameAxes if position_target is None else AxesAndPosition
+            node += pullback(space(self.robot, frame, tuple(axes)), batched(*turns))
         if self.controllers.size and self.base.size:
             node += self._avoid(self.controllers, self.base, self.self_collision)
         if world is not None and world.size and self.spheres.size:
@@ -120,18 +128,6 @@ class LulaPolicy:
         **Returns** `qdd` [n], per second squared.
         """
         return resolve_within(tree(q, qd), self.max_acceleration_norm, self.projection_tolerance)
-
-    def _frame_leaves(self, frame: str, position_target, axes: dict[int, jax.Array]) -> Node:
-        here: Node = self.damping + self.damping_inertia
-        if position_target is not None:
-            here = dataclasses.replace(self.position_target, target=position_target) + here
-        node: Node = pullback(ControlPoints(self.robot, (frame,)), Batched(here, shared=True))
-        if axes:
-            leaf = dataclasses.replace(self.axis_target, position_target=position_target)
-            turns = (dataclasses.replace(leaf, target=target) for target in axes.values())
-            space = FrameAxes if position_target is None else AxesAndPosition
-            node += pullback(space(self.robot, frame, tuple(axes)), batched(*turns))
-        return node
 
     def _avoid(self, spheres: RobotSpheres, world: World, leaf: Leaf) -> Node:
         return pullback(ObstacleDistances(spheres.points(self.robot), world, spheres.radii), leaf)

@@ -22,7 +22,8 @@ from ._loop import Frame, LiveLoop
 from ._obstacles import ObstacleGizmos
 from ._plots import Plots
 from ._poses import place, pose_of
-from ._push_gizmo import PushGizmo, push_of
+from ._push import Push
+from ._push_gizmo import PushGizmo
 from ._server import open_server
 from ._switched import switches
 
@@ -213,7 +214,7 @@ class Session:
             kept("target", T.tobytes(), T),
             kept("world", id(world), world),
             kept("shares", shares.tobytes(), shares),
-            kept("push", (push[0].tobytes(), *push[1:]), push_of(push)),
+            kept("push", (push[0].tobytes(), *push[1:]), Push(*push)),
         )
 
     def pose(self, frame: Frame, name: str) -> np.ndarray:
