@@ -75,14 +75,17 @@ def stability(evaluation: Evaluation, skill: Skill, problem: Problem, *, station
     for k, subtask in enumerate(subtasks if stationary else ()):
         potential = jax.tree.map(lambda a, k=k: a[k], skill.learned.potential_of)
         subtask["stationary_points"] = stationary_points(potential, low, high)
-    certificate = {
+    return {"subtasks": subtasks, "certificate": _certificate(evaluation)}
+
+
+def _certificate(evaluation: Evaluation) -> dict[str, Any]:
+    return {
         "uncertified_leaves": list(evaluation.uncertified),
         "max_residual": float(evaluation.residual.max()),
         "max_growth_rate": float(evaluation.growth.max()),
         "starts_not_a_number": int(np.isnan(evaluation.residual + evaluation.growth).sum()),
         "max_energy_increase": float(evaluation.energy_increase.max()),
     }
-    return {"subtasks": subtasks, "certificate": certificate}
 
 
 def _main_figures(evaluation: Evaluation, members: np.ndarray) -> dict[str, Any]:
