@@ -79,11 +79,13 @@ class SeparableGDS(SeparableLeaf):
     serves all coordinates, so this is the form for joint limits and distances.
     """
 
+    weight: Any
     damping_rate: Any
 
     def metric(self, x: jax.Array, xd: jax.Array) -> jax.Array:
-        """The diagonal of `G`, [m], at `x, xd` [m]; entry i depends on `x[i]` and `xd[i]` alone; not negative."""
-        raise NotImplementedError
+        """The diagonal of `G`, [m], at `x, xd` [m]; entry i depends on `x[i]` and `xd[i]` alone; not negative; here,
+        `weight`."""
+        return jnp.broadcast_to(jnp.asarray(self.weight, x.dtype), x.shape)
 
     def potential(self, x: jax.Array) -> jax.Array:
         """The terms of `Phi`, [m], at `x` [m]; entry i depends on `x[i]` alone."""

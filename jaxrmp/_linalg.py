@@ -20,7 +20,20 @@ def cholesky(A: jax.Array) -> jax.Array:
     Where A is not positive definite the result holds NaN.
     """
     n = _size(A)
-    return _cholesky_by_entries(A, n) if n <= _UNROLL else _cholesky_by_columns(A, n)
+    if n <= _UNROLL:
+        zero = jnp.zeros_like(A[..., 0, 0])
+        L = [[zero] * n for _ in range(n)]
+        for j in range(n):
+            L[j][j] = jnp.sqrt(A[..., j, j] - sum(L[j][k] * L[j][k] for k in range(j)))
+            for i in range(j + 1, n):
+                L[i][j] = (A[..., i, j] - sum(L[i][k] * L[j][k] for k in range(j))) / L[j][j]
+        return jnp.stack([jnp.stack(row, axis=-1) for row in L], axis=-2)
+    columns, rows = [], jnp.arange(n)
+    for j in range(n):
+        column = jnp.where(rows >= j, A[..., :, j] / jnp.sqrt(A[..., j, j])[..., None], 0)
+        columns.append(column)
+        A = A - column[..., :, None] * column[..., None, :]
+    return jnp.stack(columns, axis=-1)
 
 
 def solve_lower(L: jax.Array, b: jax.Array) -> jax.Array:
@@ -76,23 +89,3 @@ def _size(A: jax.Array) -> int:
     if A.ndim < 2 or A.shape[-1] != A.shape[-2]:
         raise ShapeError(f"expected square matrices [..., n, n], received shape {A.shape}.")
     return A.shape[-1]
-
-
-def _cholesky_by_entries(A, n):
-    zero = jnp.zeros_like(A[..., 0, 0])
-    L = [[zero] * n for _ in range(n)]
-    for j in range(n):
-        L[j][j] = jnp.sqrt(A[..., j, j] - sum(L[j][k] * L[j][k] for k in range(j)))
-        for i in range(j + 1, n):
-            L[i][j] = (A[..., i, j] - sum(L[i][k] * L[j][k] for k in range(j))) / L[j][j]
-    return jnp.stack([jnp.stack(row, axis=-1) for row in L], axis=-2)
-
-
-def _cholesky_by_columns(A, n):
-    columns = []
-    rows = jnp.arange(n)
-    for j in range(n):
-        column = jnp.where(rows >= j, A[..., :, j] / jnp.sqrt(A[..., j, j])[..., None], 0)
-        columns.append(column)
-        A = A - column[..., :, None] * column[..., None, :]
-    return jnp.stack(columns, axis=-1)

@@ -10,16 +10,20 @@ from ._visitor import Visitor
 
 
 class Rebuild(Visitor):
-    """Builds the tree anew as it is, to be overridden where it shall differ; the state goes down unchanged."""
+    """Builds the tree anew, with what functions make of its leaves and task maps, or as it is; to be overridden where
+    it shall differ more. The state goes down unchanged."""
+
+    def __init__(self, leaf: Callable | None = None, task_map: Callable | None = None):
+        self._leaf, self._task_map = leaf, task_map
 
     def visit_leaf(self, leaf: Leaf, state: Any) -> Node:
-        return leaf
+        return leaf if self._leaf is None else self._leaf(leaf)
 
     def visit_sum(self, nodes, state):
         return Sum(tuple(node.accept(self, state) for node in nodes))
 
     def visit_pullback(self, task_map, node, state):
-        return Pullback(task_map, node.accept(self, state))
+        return Pullback(task_map if self._task_map is None else self._task_map(task_map), node.accept(self, state))
 
     def visit_batched(self, node, shared, state):
         if shared:
@@ -28,17 +32,6 @@ class Rebuild(Visitor):
 
     def visit_scaled(self, node, share, state):
         return Scaled(node.accept(self, state), share)
-
-
-class _Mapped(Rebuild):
-    def __init__(self, leaf: Callable | None, task_map: Callable | None):
-        self.leaf, self.task_map = leaf, task_map
-
-    def visit_leaf(self, leaf, state):
-        return leaf if self.leaf is None else self.leaf(leaf)
-
-    def visit_pullback(self, task_map, node, state):
-        return Pullback(task_map if self.task_map is None else self.task_map(task_map), node.accept(self, state))
 
 
 def map_tree(
@@ -58,4 +51,4 @@ def map_tree(
     >>> off(jnp.zeros(2), jnp.zeros(2)).M[0].tolist()
     [1.0, 0.0]
     """
-    return tree.accept(_Mapped(leaf, task_map), None)
+    return tree.accept(Rebuild(leaf, task_map), None)

@@ -74,6 +74,7 @@ class Leaf(Node):
     name: str = "leaf"
     certified = True
     has_goal = False
+    _place = ""  # the field, if any, that says what the leaf is about
     _written, _derived = "__call__", "evaluate"
 
     def __init_subclass__(cls, **kwargs):
@@ -106,7 +107,9 @@ class Leaf(Node):
         """How far `x` [n] is from what the leaf is about, a scalar in units of x: the distance left to its goal, or
         the least distance that it keeps. NaN if it is about no place, as damping is; if it has a goal and does not say
         where, `|x|`."""
-        return length(x.reshape(-1)) if self.has_goal else jnp.full((), jnp.nan, x.dtype)
+        if self._place:
+            x = x - jnp.asarray(getattr(self, self._place), x.dtype)
+        return length(x.reshape(-1)) if self.has_goal or self._place else jnp.full((), jnp.nan, x.dtype)
 
 
 class SeparableLeaf(Leaf):

@@ -10,27 +10,25 @@ from .._errors import ConfigurationError, RolloutError
 from ..kinematics import Robot
 
 
-def needs_fast_xla(arguments: argparse.Namespace) -> bool:
-    """Whether this command must start again with XLA set up for MJX on a CPU; see `again_with_fast_xla`."""
-    from ..simulation import FAST_ON_CPU
-
-    return arguments.physics == "mjx" and FAST_ON_CPU.split("=")[0] not in os.environ.get("XLA_FLAGS", "")
-
-
-def again_with_fast_xla(command_line: list[str]) -> None:
-    """Run the command in a child process whose XLA runs MJX fast on a CPU, and say so.
+def again_with_fast_xla(arguments: argparse.Namespace) -> bool:
+    """Run the command in a child process whose XLA runs MJX fast on a CPU, and say so, if that is needed: whether it
+    was.
 
     XLA reads its flags once, before anything else, so this process may be too late to set them.
     **Raises** `RolloutError` if it fails.
     """
     from ..simulation import FAST_ON_CPU
 
-    if "--quiet" not in command_line and "-q" not in command_line:
+    given = os.environ.get("XLA_FLAGS", "")
+    if arguments.physics != "mjx" or FAST_ON_CPU.split("=")[0] in given:
+        return False
+    if not arguments.quiet:
         print(f"MJX: running in a child process with XLA_FLAGS={FAST_ON_CPU}", file=sys.stderr, flush=True)
-    flags = f"{os.environ.get('XLA_FLAGS', '')} {FAST_ON_CPU}".strip()
-    command = [sys.executable, "-m", "jaxrmp", *command_line]
-    if code := subprocess.run(command, env={**os.environ, "XLA_FLAGS": flags}, check=False).returncode:
+    command = [sys.executable, "-m", "jaxrmp", *arguments.command_line]
+    environment = {**os.environ, "XLA_FLAGS": f"{given} {FAST_ON_CPU}".strip()}
+    if code := subprocess.run(command, env=environment, check=False).returncode:
         raise RolloutError(f"the child process ended with exit code {code}; see above.")
+    return True
 
 
 def engine_of(arguments: argparse.Namespace, skill: Any, robot: Robot, criteria: Any) -> tuple[Any, Any]:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from .._errors import ConfigurationError, RolloutError
-from ._engines import again_with_fast_xla, engine_of, needs_fast_xla
+from ._engines import again_with_fast_xla, engine_of
 from ._output import made_by, progress_bar, write_arrays, write_json
 from ._processes import spawn
 
@@ -18,8 +18,7 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
     if arguments.processes > 1 and arguments.process is None:
         spawn(arguments.processes, arguments.command_line)
         return
-    if needs_fast_xla(arguments):
-        again_with_fast_xla(arguments.command_line)
+    if again_with_fast_xla(arguments):
         return
     _prepare_jax(arguments)
     import jax
@@ -36,7 +35,13 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
     if arguments.replay is not None and arguments.replay < 0:
         raise ConfigurationError(f"--replay {arguments.replay}: expected the index of a start, 0 or more.")
     if arguments.start_file:
-        starts = check_starts(problem, _read_starts(arguments.start_file))
+        try:
+            given = np.load(arguments.start_file, allow_pickle=False)
+        except (OSError, ValueError, EOFError) as error:
+            raise ConfigurationError(
+                f"--start-file {str(arguments.start_file)!r} is no NPY file of starts [N, n]: {error}"
+            ) from error
+        starts = check_starts(problem, given)
         if count > len(starts) and arguments.replay is not None:
             raise ConfigurationError(f"--replay {arguments.replay}: {arguments.start_file} has {len(starts)} starts.")
     elif arguments.around:
@@ -82,8 +87,12 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
     if arguments.save:
         _save_ends(evaluation, arguments.save)
     if page:
+        from ..visualization import evaluation_figures, png
+
         title = f"{skill.configuration.name}: {len(starts)} starts, {engine.name}"
-        write_page(found, _pictures(evaluation), page, title=title)
+        figures = evaluation_figures(evaluation).items()
+        pictures = {name: (png(figure), caption) for name, (figure, caption) in figures}
+        write_page(found, pictures, page, title=title)
     print(summary(found))
     if arguments.strict and found["failing_starts"]:
         raise RolloutError(
@@ -152,13 +161,6 @@ def _around(arguments, problem, skill, robot, count):
     return starts_around(problem, firsts, count, spread=arguments.around, seed=arguments.seed, margin=arguments.margin)
 
 
-def _read_starts(path: Path) -> np.ndarray:
-    try:
-        return np.load(path, allow_pickle=False)
-    except (OSError, ValueError, EOFError) as error:
-        raise ConfigurationError(f"--start-file {str(path)!r} is no NPY file of starts [N, n]: {error}") from error
-
-
 def _replayed(arguments: argparse.Namespace, found: Any) -> str:
     from ..evaluation import KINDS
     from ..simulation import End
@@ -183,9 +185,3 @@ def _replayed(arguments: argparse.Namespace, found: Any) -> str:
     if arguments.strict and failed:
         raise RolloutError(f"--strict: start {arguments.replay} ended {result['end']} after {result['seconds']:.2f} s.")
     return "\n".join(f"{name:<22}{value}" for name, value in result.items())
-
-
-def _pictures(evaluation: Any) -> dict[str, tuple[bytes, str]]:
-    from ..visualization import evaluation_figures, png
-
-    return {name: (png(figure), caption) for name, (figure, caption) in evaluation_figures(evaluation).items()}

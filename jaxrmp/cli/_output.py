@@ -26,7 +26,14 @@ def progress_bar(quiet: bool = False) -> Iterator[Callable[[str, float], None]]:
         yield lambda step, fraction: None
         return
     if not sys.stderr.isatty():
-        yield _progress_lines()
+        seen: set[str] = set()
+
+        def tell(step: str, fraction: float) -> None:
+            if step not in seen:
+                seen.add(step)
+                print(f"{step} ...", file=sys.stderr, flush=True)
+
+        yield tell
         return
     from tqdm import tqdm
 
@@ -39,17 +46,6 @@ def progress_bar(quiet: bool = False) -> Iterator[Callable[[str, float], None]]:
             bar.refresh()
 
         yield show
-
-
-def _progress_lines() -> Callable[[str, float], None]:
-    seen: set[str] = set()
-
-    def show(step: str, fraction: float) -> None:
-        if step not in seen:
-            seen.add(step)
-            print(f"{step} ...", file=sys.stderr, flush=True)
-
-    return show
 
 
 def write_json(content: Any, path: Path) -> None:

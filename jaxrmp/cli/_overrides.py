@@ -23,12 +23,8 @@ def parse_overrides(arguments: Sequence[str]) -> dict[str, Any]:
             if not left or left[0].startswith("--"):
                 raise ConfigurationError(f"--{key} has no value: write --{key} VALUE.")
             text = left.pop(0)
-        overrides[key] = _value(text)
+        try:
+            overrides[key] = tomllib.loads(f"value = {text}")["value"]
+        except tomllib.TOMLDecodeError:
+            overrides[key] = text
     return overrides
-
-
-def _value(text: str) -> Any:
-    try:
-        return tomllib.loads(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError:
-        return text

@@ -1,7 +1,6 @@
 """`jaxrmp reproduce`: roll a skill out from each demonstration's start and measure it."""
 
 import argparse
-from pathlib import Path
 from typing import Any
 
 import jax
@@ -32,7 +31,9 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
         if arguments.json:
             write_json(result, arguments.json)
         if arguments.save:
-            save_rollouts(reproduction, arguments.save)
+            rows = [(name, i) for i in range(len(reproduction.errors)) for name in ("time", "q", "qd")]
+            arrays = {f"{name}_{i}": getattr(reproduction.rollouts, name)[i] for name, i in rows}
+            write_arrays(arrays, arguments.save)
         if arguments.figures:
             progress("drawing", 0.8)
             made = made_by("reproduce", skill.configuration, demonstrations.source)
@@ -53,9 +54,3 @@ def result_dict(reproduction: Reproduction, skill: Skill, measured_on: str) -> d
         for i, (errors, names) in enumerate(zip(reproduction.errors, missed, strict=True))
     ]
     return {"learned_from": skill.source, "measured_on": measured_on, "per_demo": per_demo, "mean": reproduction.mean}
-
-
-def save_rollouts(reproduction: Reproduction, path: Path) -> None:
-    """Write `time_K` [T], `q_K` and `qd_K` [T, n] of every demonstration K to one NPZ file."""
-    rows = [(name, i) for i in range(len(reproduction.errors)) for name in ("time", "q", "qd")]
-    write_arrays({f"{name}_{i}": getattr(reproduction.rollouts, name)[i] for name, i in rows}, path)

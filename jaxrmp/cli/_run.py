@@ -14,6 +14,9 @@ from ._output import made_by, progress_bar, write_json
 from ._report_pages import FIGURES, pictures_in, run_page
 from ._sources import demonstrations_of, scene_of
 
+# The options, besides the tracker's, that decide what happens.
+_DECISIVE = ("scene", "trial", "trials", "displace", "seed", "limit", "interface", "learned_rate")
+
 
 def run(arguments: argparse.Namespace, rest: list[str]) -> None:
     if arguments.video:
@@ -62,7 +65,9 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
                 write_json(made, arguments.figures / "made_by.json")
                 drawn = visualization.save_physics_figures(result, prepared, reproduction, arguments.figures)
             if page:
-                settings = {"skill": str(arguments.skill), "learned_from": skill.source, **_settings(arguments)}
+                tracking = [name for name in vars(arguments) if name.startswith("tracker")]
+                settings = {"skill": str(arguments.skill), "learned_from": skill.source}
+                settings |= {name: getattr(arguments, name) for name in (*_DECISIVE, *tracking)}
                 figures = pictures_in(drawn) or _figures(result, prepared, reproduction)
                 run_page({**report, "settings": settings}, made, figures, page)
     print(outcome_table(report))
@@ -74,13 +79,6 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
         raise RolloutError(
             f"--strict: {len(failed)} of {len(trials)} trials did not succeed: {failed}. Replay one with --trial K."
         )
-
-
-def _settings(arguments: argparse.Namespace) -> dict[str, Any]:
-    """The options that decide what happens, for the page."""
-    decisive = ("scene", "trial", "trials", "displace", "seed", "limit", "interface", "learned_rate")
-    named = (*decisive, *(name for name in vars(arguments) if name.startswith("tracker")))
-    return {name: getattr(arguments, name) for name in named}
 
 
 def _figures(

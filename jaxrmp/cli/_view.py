@@ -25,9 +25,7 @@ def _viewer(arguments: argparse.Namespace) -> Viewer:
             "--frame is for the hand-designed policy: a skill has its control points. Leave it out."
         )
     skill, robot = skill_and_robot(arguments.skill, arguments.robot)
-    place = None
-    if arguments.scene:
-        place = scene_of(arguments.scene, skill)
+    place = scene_of(arguments.scene, skill) if arguments.scene else None
     prepared = None
     try:
         prepared = prepare(skill.configuration, robot, demonstrations_of(skill, arguments.demos))

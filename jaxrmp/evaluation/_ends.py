@@ -1,6 +1,7 @@
 """What kind of end each rollout came to."""
 
 from collections.abc import Callable
+from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -70,17 +71,12 @@ def by_blocks(compute: Callable[[np.ndarray], tuple], q: np.ndarray, size: int =
 
 
 @jax.jit
-def _forces(problem: Problem, limits: Node | None, q: jax.Array):
-    return jax.vmap(_forces_of_one, in_axes=(None, None, 0))(problem, limits, q)
-
-
+@partial(jax.vmap, in_axes=(None, None, 0))
 @in_lanes
-def _forces_of_one(problem: Problem, limits: Node | None, q: jax.Array):
+def _forces(problem: Problem, limits: Node | None, q: jax.Array):
     still = jnp.zeros_like(q)
     limit_force = still if limits is None else limits(q, still).f
     return problem.tree(q, still).f, limit_force
 
 
-@jax.jit
-def _points(problem: Problem, q: jax.Array):
-    return jax.vmap(lambda q: (problem.points(q), problem.hand(q)[0]))(q)
+_points = jax.jit(jax.vmap(lambda problem, q: (problem.points(q), problem.hand(q)[0]), (None, 0)))

@@ -46,7 +46,17 @@ def report(evaluation: Evaluation, skill: Skill, problem: Problem, *, stationary
         "starts_that_crossed_a_limit": int((track.margin < 0).sum()),
         "max_joint_speed_rad_s": float(track.speed.max()),
         "regions": _regions(evaluation),
-        "failing": [_failing(evaluation, int(i)) for i in evaluation.failing[:_SHOWN]],
+        "failing": [
+            {
+                "start": i,
+                "end": KINDS[End(int(kind[i]))],
+                "error_m": float(evaluation.ends.error[i]),
+                "seconds": float(evaluation.seconds[i]),
+                "q_start": evaluation.starts[i].tolist(),
+                "q_end": evaluation.outcomes.q[i].tolist(),
+            }
+            for i in evaluation.failing[:_SHOWN].tolist()
+        ],
         "failing_starts": len(evaluation.failing),
         "stability": stability(evaluation, skill, problem, stationary=stationary),
     }
@@ -54,8 +64,11 @@ def report(evaluation: Evaluation, skill: Skill, problem: Problem, *, stationary
 
 def stability(evaluation: Evaluation, skill: Skill, problem: Problem, *, stationary: bool = True) -> dict[str, Any]:
     """Metrics, Hessians, stationary points and the certificate; see `report`."""
-    K = len(skill.subtasks)
-    region = _region(evaluation, K)
+    # Places of the control points [M, K, 3] all over the region of starts and ends, targets at zero.
+    ends = evaluation.ends.points[:4096]
+    begun = ends + (evaluation.start_hand - evaluation.ends.hand)[:4096, None]
+    drawn = np.random.default_rng(0).uniform(begun.min(0), begun.max(0), (4096, *ends.shape[1:]))
+    region = np.concatenate([ends, drawn])
     low, high = region.reshape(-1, 3).min(0) - _AROUND, region.reshape(-1, 3).max(0) + _AROUND
     found = zip(skill.subtasks, learned_metrics(skill.learned, region), goal_hessians(skill.learned), strict=True)
     subtasks: list[dict[str, Any]] = [{"name": name, "metric": metric, "goal": goal} for name, metric, goal in found]
@@ -73,15 +86,6 @@ def _certificate(evaluation: Evaluation) -> dict[str, Any]:
         "starts_not_a_number": int(np.isnan(evaluation.residual + evaluation.growth).sum()),
         "max_energy_increase": float(evaluation.energy_increase.max()),
     }
-
-
-def _region(evaluation: Evaluation, K: int) -> np.ndarray:
-    """Places of the control points [M, K, 3] all over the region of starts and ends, targets at zero."""
-    ends = evaluation.ends.points[:4096]
-    shift = (evaluation.start_hand - evaluation.ends.hand)[:4096, None]
-    rng = np.random.default_rng(0)
-    low, high = (ends + shift).min(0), (ends + shift).max(0)
-    return np.concatenate([ends, rng.uniform(low, high, (4096, K, 3))])
 
 
 def _main_figures(evaluation: Evaluation, members: np.ndarray) -> dict[str, Any]:
@@ -124,14 +128,3 @@ def _regions(evaluation: Evaluation) -> list[dict[str, Any]]:
         figures = _main_figures(evaluation, members)
         found.append({"region": name, **figures, "time_to_converge_s": times, "min_clearance_m": least})
     return found
-
-
-def _failing(evaluation: Evaluation, i: int) -> dict[str, Any]:
-    return {
-        "start": i,
-        "end": KINDS[End(int(evaluation.ends.kind[i]))],
-        "error_m": float(evaluation.ends.error[i]),
-        "seconds": float(evaluation.seconds[i]),
-        "q_start": evaluation.starts[i].tolist(),
-        "q_end": evaluation.outcomes.q[i].tolist(),
-    }

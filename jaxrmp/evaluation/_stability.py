@@ -101,40 +101,31 @@ class CertificateWatch:
 
     def __call__(self, places: np.ndarray, state: Any) -> None:
         """Look at the states of a batch; `places` [B], the starts that they belong to, -1 for none."""
-        residual, growth = (np.asarray(a) for a in _certificates(self.problem, state.q, state.qd))
+        residual, growth = (np.asarray(a) for a in _certificates(self.problem.tree, state.q, state.qd))
         held = places >= 0
         for worst, now in ((self.residual, residual), (self.growth, growth)):
             worst[places[held]] = np.maximum(worst[places[held]], now[held])
 
 
 @jax.jit
-def _certificates(problem, q, qd):
-    return jax.vmap(_certified, in_axes=(None, 0, 0))(problem.tree, jnp.asarray(q), jnp.asarray(qd))
-
-
+@partial(jax.vmap, in_axes=(None, 0, 0))
 @in_lanes
-def _certified(tree, q, qd):
+def _certificates(tree, q, qd):
     found = certificate(tree, q, qd)
     return found.residual, found.dV_dt / (1 + jnp.abs(found.energy))
 
 
-@jax.jit
-def _metrics(learned, points):
-    return jax.vmap(lambda x: jax.vmap(lambda leaf, x: leaf.metric(x, x))(learned, x))(points)
+_metrics = jax.jit(jax.vmap(jax.vmap(lambda leaf, x: leaf.metric(x, x)), (None, 0)))
 
 
 @jax.jit
 def _derivatives(potentials, like):
     origin = jnp.zeros((jnp.shape(like)[0], 3))
-
-    def both(potential, x):
-        return jax.grad(potential)(x), jax.hessian(potential)(x)
-
-    return jax.vmap(both)(potentials, origin)
+    return jax.vmap(lambda potential, x: (jax.grad(potential)(x), jax.hessian(potential)(x)))(potentials, origin)
 
 
-@partial(jax.jit, static_argnames=("steps",))
-def _search(potential, x, steps=_STEPS):
+@jax.jit
+def _search(potential, x):
     gradient, hessian = jax.grad(potential), jax.hessian(potential)
 
     def one(x):
@@ -150,7 +141,7 @@ def _search(potential, x, steps=_STEPS):
             stiffness = jnp.clip(stiffness * jnp.where(better, 0.3, 4.0), 1e-8, 1e8)
             return (jnp.where(better, ahead, x), jnp.where(better, g_ahead, g), stiffness), None
 
-        (x, g, _), _ = jax.lax.scan(step, (x, gradient(x), jnp.asarray(1.0, x.dtype)), length=steps)
+        (x, g, _), _ = jax.lax.scan(step, (x, gradient(x), jnp.asarray(1.0, x.dtype)), length=_STEPS)
         return x, g, hessian(x)
 
     return jax.vmap(one)(x)

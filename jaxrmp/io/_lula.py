@@ -16,8 +16,8 @@ from ..kinematics import ControlPoints, FrameAxes, Robot, load_robot
 from ..leaves import lula
 from ..world import ObstacleDistances, RobotSpheres, Spheres, World
 from ._axes_and_position import AxesAndPosition
-from ._rmpflow_yaml import RmpflowSettings, read_rmpflow
-from ._xrdf import Xrdf, read_xrdf
+from ._rmpflow_yaml import read_rmpflow
+from ._xrdf import read_xrdf
 
 
 @pytree
@@ -91,13 +91,34 @@ class LulaPolicy:
             if frame is None:
                 raise ConfigurationError("the XRDF has no tool_frames: say which frame the targets are for, frame=...")
             self.robot.frame_index(frame)
-            node += self._frame_leaves(frame, position_target, axes)
+            here: Node = self.damping + self.damping_inertia
+            if position_target is not None:
+                here = dataclasses.replace(self.position_target, target=position_target) + here
+            node += pullback(ControlPoints(self.robot, (frame,)), Batched(here, shared=True))
+        if frame is not None and axes:
+            leaf = dataclasses.replace(self.axis_target, position_target=position_target)
+            turns = (dataclasses.replace(leaf, target=target) for target in axes.values())
+            space = FrameAxes if position_target is None else AxesAndPosition
+            node += pullback(space(self.robot, frame, tuple(axes)), batched(*turns))
         if self.controllers.size and self.base.size:
             node += self._avoid(self.controllers, self.base, self.self_collision)
         if world is not None and world.size and self.spheres.size:
             node += self._avoid(self.spheres, world, self.collision)
         if point_cloud is not None and self.spheres.size:
-            node += self._point_cloud_leaf(point_cloud)
+            if self.point_cloud_collision is None:
+                raise ConfigurationError(
+                    "the configuration has no point_cloud_obstacle_rmp, so there is no leaf for points."
+                )
+            points = jnp.asarray(point_cloud)
+            if points.ndim != 2 or points.shape[1] != 3:
+                raise ShapeError(f"point_cloud has shape {points.shape}, expected (N, 3).")
+            if len(points) > self.max_num_points:
+                raise ConfigurationError(
+                    f"point_cloud has {len(points)} points, max_num_obstacles of the file allows "
+                    f"{self.max_num_points}. Thin it out, or raise the number."
+                )
+            cloud = Spheres(points, jnp.full(points.shape[:1], self.point_cloud_margin, points.dtype))
+            node += self._avoid(self.spheres, World(spheres=cloud), self.point_cloud_collision)
         return node
 
     def acceleration(self, tree: Node, q: jax.Array, qd: jax.Array) -> jax.Array:
@@ -108,36 +129,8 @@ class LulaPolicy:
         """
         return resolve_within(tree(q, qd), self.max_acceleration_norm, self.projection_tolerance)
 
-    def _frame_leaves(self, frame: str, position_target, axes: dict[int, jax.Array]) -> Node:
-        here: Node = self.damping + self.damping_inertia
-        if position_target is not None:
-            here = dataclasses.replace(self.position_target, target=position_target) + here
-        node: Node = pullback(ControlPoints(self.robot, (frame,)), Batched(here, shared=True))
-        if axes:
-            leaf = dataclasses.replace(self.axis_target, position_target=position_target)
-            turns = (dataclasses.replace(leaf, target=target) for target in axes.values())
-            space = FrameAxes if position_target is None else AxesAndPosition
-            node += pullback(space(self.robot, frame, tuple(axes)), batched(*turns))
-        return node
-
     def _avoid(self, spheres: RobotSpheres, world: World, leaf: Leaf) -> Node:
         return pullback(ObstacleDistances(spheres.points(self.robot), world, spheres.radii), leaf)
-
-    def _point_cloud_leaf(self, points) -> Node:
-        if self.point_cloud_collision is None:
-            raise ConfigurationError(
-                "the configuration has no point_cloud_obstacle_rmp, so there is no leaf for points."
-            )
-        points = jnp.asarray(points)
-        if points.ndim != 2 or points.shape[1] != 3:
-            raise ShapeError(f"point_cloud has shape {points.shape}, expected (N, 3).")
-        if len(points) > self.max_num_points:
-            raise ConfigurationError(
-                f"point_cloud has {len(points)} points, max_num_obstacles of the file allows {self.max_num_points}. "
-                "Thin it out, or raise the number."
-            )
-        cloud = Spheres(points, jnp.full(points.shape[:1], self.point_cloud_margin, points.dtype))
-        return self._avoid(self.spheres, World(spheres=cloud), self.point_cloud_collision)
 
 
 def load_lula(urdf: str | os.PathLike, xrdf: str | os.PathLike, rmpflow_yaml: str | os.PathLike) -> LulaPolicy:
@@ -174,11 +167,6 @@ def load_lula(urdf: str | os.PathLike, xrdf: str | os.PathLike, rmpflow_yaml: st
     for name, setting in (*description.lines.items(), *settings.controller_lines.items()):
         hint = f"{setting.source} names it in line {setting.line}."
         UnknownNameError.check("frame", name, robot.frame_names, hint)
-
-    return _policy(robot, description, settings)
-
-
-def _policy(robot: Robot, description: Xrdf, settings: RmpflowSettings) -> LulaPolicy:
     posture = np.array([description.default_joint_positions[name] for name in robot.joint_names])
     buffers = settings.joint_limit_buffers[[description.joint_names.index(name) for name in robot.joint_names]]
     gains = {name: dict(section) for name, section in settings.gains.items()}

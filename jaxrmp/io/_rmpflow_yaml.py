@@ -26,7 +26,7 @@ _INACTIVE = {
     "cspace_trajectory_rmp": (None, "p_gain", "d_gain", "ff_gain", "weight"),
     "cspace_affine_rmp": (None, "final_handover_time_std_dev", "weight"),
 }
-_POSITIVE_ENDINGS = ("_length_scale", "_std_dev", "_eps", "_thresh", "_radius", "_region")
+_POSITIVE_ENDINGS = ("_length_scale", "_std_dev", "_eps", "_thresh", "_radius", "_region", "_norm", "_tolerance")
 _FLAGS = {"target_rmp": ("accept_user_weights",), "axis_target_rmp": ("accept_user_weights",)}
 
 
@@ -76,7 +76,7 @@ def read_rmpflow(path: str | os.PathLike, num_joints: int) -> RmpflowSettings:
         inactive += [name] if name in _INACTIVE else []
 
     resolve = top["canonical_resolve"].keys(["max_acceleration_norm", "projection_tolerance"], ["verbose"])
-    limit, tolerance = (_positive(resolve[key]) for key in ("max_acceleration_norm", "projection_tolerance"))
+    limit, tolerance = (_constant(resolve[key]) for key in ("max_acceleration_norm", "projection_tolerance"))
     if "verbose" in resolve:
         resolve["verbose"].boolean()
 
@@ -103,16 +103,7 @@ def read_rmpflow(path: str | os.PathLike, num_joints: int) -> RmpflowSettings:
 
 
 def _constant(setting: Setting) -> float:
-    value = setting.number()
-    if setting.key.endswith(_POSITIVE_ENDINGS):
-        return _positive(setting)
-    if value < 0:
-        setting.fail(f"must not be negative, received {value:g}")
-    return value
-
-
-def _positive(setting: Setting) -> float:
-    value = setting.number()
-    if value <= 0:
-        setting.fail(f"must be positive, received {value:g}")
+    value, positive = setting.number(), setting.key.endswith(_POSITIVE_ENDINGS)
+    if value < 0 or (positive and value == 0):
+        setting.fail(f"must {'be positive' if positive else 'not be negative'}, received {value:g}")
     return value

@@ -87,7 +87,9 @@ class Setting:
 
     def refuse(self, expected: str) -> NoReturn:
         """**Raises** `ConfigurationError`: this value is not what it should be."""
-        self.fail(f"expected {expected}, received {_shown(self.content)}")
+        kind = "mapping" if isinstance(self.content, dict) else "list"
+        shown = repr(self.content) if isinstance(self.content, str) else f"a {kind} of {len(self.content)}"
+        self.fail(f"expected {expected}, received {shown}")
 
     def fail(self, what: str) -> NoReturn:
         """**Raises** `ConfigurationError`: `what` is wrong at this place."""
@@ -131,10 +133,3 @@ def _setting(yaml, node, key: str, source: str, line: int) -> Setting:
             *(key, line, source),
         )
     return Setting(node.value, key, line, source, is_quoted=node.style in ("'", '"'))
-
-
-def _shown(content: Any) -> str:
-    if isinstance(content, str):
-        return repr(content)
-    kind = "mapping" if isinstance(content, dict) else "list"
-    return f"a {kind} of {len(content)}"

@@ -13,7 +13,7 @@ from .._task_map import Pushforward, TaskMap, Transport
 from ..xla import concatenated, one_loop
 from ._forward import configuration
 from ._jacobian import as_jacobian, jacobian_rows, rows
-from ._motion import BodyMotion, JointAxis, attach, carry, move, turns_at
+from ._motion import BodyMotion, JointAxis, carry, move_frames, turns_at
 from ._robot import Robot
 from ._scalars import Vector, rotate
 
@@ -131,18 +131,15 @@ class ControlPoints(TaskMap):
 
     def _point_motions(self, q, qd, turns=None) -> tuple[list[tuple[int, list[int], BodyMotion]], dict[int, JointAxis]]:
         """For each distinct frame: its body, its points' indices, and the motion of all of them ([K] to a scalar)."""
-        model = self.robot.model
-        frames = [(model.frames[self.robot.frame_index(name)], k) for name, k in self._groups()]
-        motions, axes = move(model, (frame.body for frame, _ in frames), q, qd, turns)
-        poses = [attach(motions[frame.body], frame.position, frame.rotation) for frame, _ in frames]
-        if self.offsets is not None:
-            offsets = jnp.asarray(self.offsets, q.dtype)
-            owns = [offsets if len(frames) == 1 else offsets[np.array(k)] for _, k in frames]
-            poses = [
-                carry(pose, rotate(pose.rotation, (own[:, 0], own[:, 1], own[:, 2])))
-                for pose, own in zip(poses, owns, strict=True)
-            ]
-        return [(frame.body, k, pose) for (frame, k), pose in zip(frames, poses, strict=True)], axes
+        groups, offsets = self._groups(), None if self.offsets is None else jnp.asarray(self.offsets, q.dtype)
+        motions, axes = move_frames(self.robot, (name for name, _ in groups), q, qd, turns)
+        found = []
+        for (_, k), (body, motion) in zip(groups, motions, strict=True):
+            if offsets is not None:
+                own = offsets if len(groups) == 1 else offsets[np.array(k)]
+                motion = carry(motion, rotate(motion.rotation, (own[:, 0], own[:, 1], own[:, 2])))
+            found.append((body, k, motion))
+        return found, axes
 
     def _ordered(self, joined: jax.Array) -> jax.Array:
         """What is joined from the frames' groups, in the points' order."""

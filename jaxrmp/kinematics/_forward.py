@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 
 from .._errors import ShapeError
-from ._motion import attach, move
+from ._motion import move_frames
 from ._robot import Robot
 
 
@@ -30,15 +30,13 @@ def frame_poses(robot: Robot, q: jax.Array, frames: Sequence[str]) -> jax.Array:
     The rest as `forward_kinematics`.
     """
     q = configuration(robot, q)
-    targets = [robot.model.frames[robot.frame_index(name)] for name in frames]
-    motions, _ = move(robot.model, (frame.body for frame in targets), q)
+    motions, _ = move_frames(robot, frames, q)
     entries = []
-    for frame in targets:
-        pose = attach(motions[frame.body], frame.position, frame.rotation)
+    for _, pose in motions:
         for row in range(3):
             entries += [*pose.rotation[3 * row : 3 * row + 3], pose.position[row]]
         entries += [0.0, 0.0, 0.0, 1.0]
-    return jnp.stack([jnp.asarray(entry, q.dtype) for entry in entries]).reshape(len(targets), 4, 4)
+    return jnp.stack([jnp.asarray(entry, q.dtype) for entry in entries]).reshape(len(motions), 4, 4)
 
 
 def configuration(robot: Robot, q: jax.Array, name: str = "q") -> jax.Array:

@@ -9,7 +9,7 @@ from .._pytree import pytree, set_field, static
 from .._task_map import Pushforward, TaskMap
 from ._forward import configuration
 from ._jacobian import as_jacobian, jacobian_rows, rows
-from ._motion import BodyMotion, JointAxis, attach, move
+from ._motion import BodyMotion, JointAxis, move_frames
 from ._robot import Robot
 from ._scalars import ZERO, Vector, add3, cross
 
@@ -45,13 +45,13 @@ class FrameAxes(TaskMap):
 
     def __call__(self, x):
         x = configuration(self.robot, x)
-        _, motion, _ = self._motion(x, None)
+        [(_, motion)], _ = move_frames(self.robot, (self.frame,), x)
         return rows(self._directions(motion, x.dtype), (len(self.axes),), x.dtype)
 
     def pushforward(self, x, xd):
         x, xd = configuration(self.robot, x), configuration(self.robot, xd, "xd")
         model, A = self.robot.model, len(self.axes)
-        body, motion, axes = self._motion(x, xd)
+        [(body, motion)], axes = move_frames(self.robot, (self.frame,), x, xd)
         y = self._directions(motion, x.dtype)
         swing = cross(motion.omega, y)
         pull = add3(cross(motion.alpha, y), cross(motion.omega, swing))
@@ -63,12 +63,6 @@ class FrameAxes(TaskMap):
         J = as_jacobian(jacobian_rows(model, (body,) * A, y, turning, x.dtype))
         y, yd, c = (rows(vector, (A,), x.dtype) for vector in (y, swing, pull))
         return Pushforward(y, yd, J, c)
-
-    def _motion(self, q, qd) -> tuple[int, BodyMotion, dict[int, JointAxis]]:
-        model = self.robot.model
-        frame = model.frames[self.robot.frame_index(self.frame)]
-        motions, axes = move(model, (frame.body,), q, qd)
-        return frame.body, attach(motions[frame.body], frame.position, frame.rotation), axes
 
     def _directions(self, motion: BodyMotion, dtype: Any) -> Vector:
         """The chosen columns of the rotation, components [A]."""

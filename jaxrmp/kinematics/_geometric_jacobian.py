@@ -4,7 +4,7 @@ import jax
 
 from ._forward import configuration
 from ._jacobian import by_coordinate, moving, twists
-from ._motion import attach, move
+from ._motion import move_frames
 from ._robot import Robot
 
 
@@ -24,8 +24,6 @@ def geometric_jacobian(robot: Robot, q: jax.Array, frame: str) -> jax.Array:
     """
     q = configuration(robot, q)
     model = robot.model
-    place = model.frames[robot.frame_index(frame)]
-    motions, axes = move(model, (place.body,), q)
-    origin = attach(motions[place.body], place.position, place.rotation).position
+    [(_, motion)], axes = move_frames(robot, (frame,), q)
     joints = moving(model, axes)
-    return by_coordinate(model, joints, twists(model, joints, axes, origin, q.dtype).T).T
+    return by_coordinate(model, joints, twists(model, joints, axes, motion.position, q.dtype).T).T

@@ -17,7 +17,7 @@ from ._robot import Body, Frame, Joint, KinematicModel, Robot
 
 _NOT_KINEMATIC = (
     *("keys", "tuples", "numerics", "texts", "sensors", "actuators", "pairs", "excludes", "skins", "flexes"),
-    *("geoms", "cameras", "lights", "meshes", "hfields", "materials", "textures"),
+    *("geoms", "cameras", "lights", "meshes", "hfields", "materials", "textures", "tendons"),
 )
 
 
@@ -66,14 +66,24 @@ def _robot_of_spec(mujoco, spec, text, source, fixed, name, file=None) -> Robot:
     )
     joints = [_joint(mujoco, m, i, bodies, source) for i in range(m.njnt)]
     joints, joint_names, lower, upper = resolve_couplings(joints, m, dict(fixed or {}), source)
-    for loop_name, ends in loops:
-        _refuse_open_loop(loop_name, ends, bodies, joints, source)
+    model = KinematicModel(name or spec.modelname, joint_names, bodies, tuple(joints), _frames(m, bodies), file)
+    index = {body.name: i for i, body in enumerate(bodies)}
+    for loop, ends in loops:
+        if ends is None:
+            raise RobotError(f"{source}: equality {loop!r} couples joints by a tendon, which jaxrmp cannot express.")
+        one_side, other_side = (set(model.path(index.get(end, 0))) for end in ends)
+        moving = [joint.name for joint in joints if joint.body in one_side ^ other_side and joint.coordinate >= 0]
+        if moving:
+            raise RobotError(
+                f"{source}: equality {loop!r} closes a loop through joints {moving}; jaxrmp's robots are trees. "
+                f"Lock these joints, e.g. fixed={{{moving[0]!r}: 0.0, ...}}, or remove the constraint."
+            )
     velocity = _urdf_velocity_limits(text, source)
     return Robot(
         lower=np.array(lower),
         upper=np.array(upper),
         velocity_limit=np.array([velocity.get(joint, np.inf) for joint in joint_names]),
-        model=KinematicModel(name or spec.modelname, joint_names, bodies, tuple(joints), _frames(m, bodies), file),
+        model=model,
     )
 
 
@@ -94,7 +104,7 @@ def _strip(mujoco, spec) -> list[tuple[str, tuple[str, str]]]:
         elif equality.active and equality.type == mujoco.mjtEq.mjEQ_TENDON:
             loops.append((equality.name or equality.name1, None))
         spec.delete(equality)
-    for kind in (*_NOT_KINEMATIC, "tendons"):
+    for kind in _NOT_KINEMATIC:
         for element in list(getattr(spec, kind)):
             spec.delete(element)
     for body in spec.bodies[1:]:  # any inertia that compiles: it does not matter here, and the file's may be absent
@@ -133,23 +143,6 @@ def _frames(m, bodies) -> tuple[Frame, ...]:
             rotation = _numbers(rotation_of_quaternion(m.site_quat[i]))
             frames.append(Frame(name, int(m.site_bodyid[i]), _numbers(m.site_pos[i]), rotation))
     return tuple(frames)
-
-
-def _refuse_open_loop(name: str, ends: tuple[str, str] | None, bodies, joints, source: str) -> None:
-    if ends is None:
-        raise RobotError(f"{source}: equality {name!r} couples joints by a tendon, which jaxrmp cannot express.")
-    index = {body.name: i for i, body in enumerate(bodies)}
-
-    def above(body):
-        return {body} | above(bodies[body].parent) if body > 0 else set()
-
-    in_loop = above(index.get(ends[0], 0)) ^ above(index.get(ends[1], 0))
-    moving = [joint.name for joint in joints if joint.body in in_loop and joint.coordinate >= 0]
-    if moving:
-        raise RobotError(
-            f"{source}: equality {name!r} closes a loop through joints {moving}; jaxrmp's robots are trees. "
-            f"Lock these joints, e.g. fixed={{{moving[0]!r}: 0.0, ...}}, or remove the constraint."
-        )
 
 
 def _urdf_velocity_limits(text: bytes, source: str) -> dict[str, float]:

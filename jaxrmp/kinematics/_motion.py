@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..xla import materialise, one_loop
-from ._robot import Joint, KinematicModel
+from ._robot import Joint, KinematicModel, Robot
 from ._scalars import (
     IDENTITY,
     ZERO,
@@ -77,9 +77,22 @@ def move(
             if joint.kind == "revolute":
                 motion = _turn(motion, joint, axes[i], axis_rotation(joint.axis, *turns[i]), rate)
             else:
-                motion = _slide(motion, axes[i], _displacement(joint, q), rate)
+                slip = scale(rate, axes[i].direction)
+                coriolis = scale(2.0, cross(motion.omega, slip))
+                motion = carry(motion, scale(_displacement(joint, q), axes[i].direction))
+                velocity, acceleration = add3(motion.velocity, slip), add3(motion.acceleration, coriolis)
+                motion = motion._replace(velocity=velocity, acceleration=acceleration)
         motions[b] = motion
     return motions, axes
+
+
+def move_frames(
+    robot: Robot, frames: Iterable[str], q: jax.Array, qd: jax.Array | None = None, turns: Turns | None = None
+) -> tuple[list[tuple[int, BodyMotion]], dict[int, JointAxis]]:
+    """Body and motion of each of `frames`, and the axes of the joints above them; the rest as `move`."""
+    places = [robot.model.frames[robot.frame_index(name)] for name in frames]
+    motions, axes = move(robot.model, (place.body for place in places), q, qd, turns)
+    return [(place.body, attach(motions[place.body], place.position, place.rotation)) for place in places], axes
 
 
 def attach(motion: BodyMotion, position: Vector, rotation: Rotation) -> BodyMotion:
@@ -161,10 +174,3 @@ def _turn(motion: BodyMotion, joint: Joint, axis: JointAxis, turn: Rotation, rat
         alpha=add3(motion.alpha, cross(motion.omega, spin)),
     )
     return carry(turned, scale(-1.0, rotate(rotation, joint.anchor))) if any(joint.anchor) else turned
-
-
-def _slide(motion: BodyMotion, axis: JointAxis, displacement: Scalar, rate: Scalar) -> BodyMotion:
-    moved = carry(motion, scale(displacement, axis.direction))
-    slip = scale(rate, axis.direction)
-    coriolis = scale(2.0, cross(motion.omega, slip))
-    return moved._replace(velocity=add3(moved.velocity, slip), acceleration=add3(moved.acceleration, coriolis))

@@ -12,8 +12,6 @@ from ._robot import Robot
 PANDA_MODEL = Path(__file__).parent / "models" / "panda.xml"
 """MJCF of the Panda with its hand: kinematics, inertias, primitive geometry, torque motors."""
 
-_VELOCITY_LIMIT = (2.175, 2.175, 2.175, 2.175, 2.61, 2.61, 2.61)  # rad/s, manufacturer's figures
-
 
 @functools.cache
 def panda() -> Robot:
@@ -23,4 +21,5 @@ def panda() -> Robot:
     `panda_leftfinger`, `panda_rightfinger`, `world`.
     """
     robot = load_robot(PANDA_MODEL, fixed={"panda_finger_joint1": 0.04, "panda_finger_joint2": 0.04})
-    return dataclasses.replace(robot, velocity_limit=np.array(_VELOCITY_LIMIT))
+    limit = np.array([2.175, 2.175, 2.175, 2.175, 2.61, 2.61, 2.61])  # rad/s, manufacturer's figures
+    return dataclasses.replace(robot, velocity_limit=limit)

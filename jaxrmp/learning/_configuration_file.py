@@ -32,23 +32,18 @@ def load_configuration(path: str | Path, overrides: Mapping[str, Any] | None = N
         *sections, last = key.split(".")
         table: Any = content
         for section in sections:
-            table = _section(table, section, key)
+            if isinstance(table, list):  # of named tables, as `subtasks` is
+                named = {str(entry["name"]): entry for entry in table if isinstance(entry, dict) and "name" in entry}
+                UnknownNameError.check("subtask", section, named)
+                table = named[section]
+                continue
+            table = table.setdefault(section, {})
+            if not all(isinstance(entry, dict) for entry in (table if isinstance(table, list) else [table])):
+                raise ConfigurationError(f"{key!r} does not name a value: {section!r} is no section.")
         if isinstance(table, list):
             raise ConfigurationError(f"{key!r} does not name a value: {last!r} is a section.")
         table[last] = value
     return configuration_from_dict(content)
-
-
-def _section(table: Any, section: str, key: str) -> Any:
-    """The section of a table, made if need be; of a list of named tables, as `subtasks` is, the one of that name."""
-    if isinstance(table, list):
-        named = {str(entry["name"]): entry for entry in table if isinstance(entry, dict) and "name" in entry}
-        UnknownNameError.check("subtask", section, named)
-        return named[section]
-    inner = table.setdefault(section, {})
-    if not all(isinstance(entry, dict) for entry in (inner if isinstance(inner, list) else [inner])):
-        raise ConfigurationError(f"{key!r} does not name a value: {section!r} is no section.")
-    return inner
 
 
 def configuration_from_dict(content: Mapping[str, Any]) -> Configuration:

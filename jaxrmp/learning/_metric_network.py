@@ -1,6 +1,5 @@
 """The network that gives a learned metric its Cholesky factor. The only module that knows flax."""
 
-from collections.abc import Callable
 from typing import Any
 
 import jax
@@ -13,8 +12,6 @@ from ._support import Support
 
 with importing("flax", "learning"):
     import flax.linen as nn
-
-_FUNCTIONS: dict[str, Callable] = {name: getattr(nn, name) for name in ACTIVATIONS}
 
 
 class CholeskyNetwork(nn.Module):
@@ -33,7 +30,7 @@ class CholeskyNetwork(nn.Module):
     def __call__(self, x):
         m = self.dimension
         for width in self.hidden:
-            x = _FUNCTIONS[self.activation](nn.Dense(width, param_dtype=self.param_dtype)(x))
+            x = getattr(nn, self.activation)(nn.Dense(width, param_dtype=self.param_dtype)(x))
         diagonal = nn.Dense(
             m,
             kernel_init=nn.initializers.normal(0.01),
@@ -78,9 +75,7 @@ class CholeskyFactor:
         network = CholeskyNetwork(self.dimension, self.hidden, self.activation, self.offset)
         weights = jax.tree.map(lambda w: jnp.asarray(w, x.dtype), self.weights)
         L = jnp.asarray(network.apply({"params": weights}, x / jnp.asarray(self.length_scale, x.dtype)))
-        if self.support is None:
-            return L
-        return blended(L, self.support(x))
+        return L if self.support is None else blended(L, self.support(x))
 
 
 def blended(L: jax.Array, share: jax.Array) -> jax.Array:

@@ -86,12 +86,15 @@ def choose_potential(
 
 def alignment(fit: PotentialFit, positions: np.ndarray, directions: np.ndarray) -> np.ndarray:
     """Cosines [S] between `-grad Phi` and `directions` at all samples but those at the goal, where there is none."""
-    x, v = positions.reshape(-1, positions.shape[-1]), directions.reshape(-1, positions.shape[-1])
-    away = np.linalg.norm(x, axis=-1) > 1e-4
+    x = positions.reshape(-1, positions.shape[-1])
     slope = np.asarray(_slopes(fit.potential, jnp.asarray(x, jnp.float32)), float)
-    return -(slope * v).sum(-1)[away] / np.maximum(np.linalg.norm(slope, axis=-1)[away], 1e-12)
+    return cosines(-slope, directions.reshape(x.shape), x)
 
 
-@jax.jit
-def _slopes(potential, x):
-    return jax.vmap(jax.grad(potential))(x)
+def cosines(field: np.ndarray, directions: np.ndarray, positions: np.ndarray) -> np.ndarray:
+    """Cosines between `field` and unit `directions` [..., m] at all `positions` but those at the goal."""
+    away = np.linalg.norm(positions, axis=-1) > 1e-4
+    return (field * directions).sum(-1)[away] / np.maximum(np.linalg.norm(field, axis=-1)[away], 1e-12)
+
+
+_slopes = jax.jit(lambda potential, x: jax.vmap(jax.grad(potential))(x))

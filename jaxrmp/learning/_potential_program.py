@@ -106,17 +106,17 @@ def fit_potential(
         )
     biases = cumulate @ np.maximum(np.asarray(steps.value), 0)
     slopes = A @ biases + c
-    potential = NominalPotential(
-        jnp.asarray(points), jnp.asarray(biases), jnp.asarray(slopes[-1]), jnp.asarray(width), jnp.asarray(sharpness)
-    )
-    eigenvalues = goal_hessian_eigenvalues(points, biases, slopes[-1], width, sharpness)
+    parameters = (points, biases, slopes[-1], width, sharpness)
+    with jax.enable_x64(True):
+        H = _hessian(NominalPotential(*(jnp.asarray(a, float) for a in parameters)), points[-1])
+    eigenvalues = tuple(np.linalg.eigvalsh(np.asarray(H)).tolist())
     if not eigenvalues[0] > 0:
         raise ConvexProgramError(
             f"the fitted potential has no minimum at the goal: its Hessian there has eigenvalues {eigenvalues}. Try "
             "another kernel width."
         )
     return PotentialFit(
-        potential,
+        NominalPotential(*map(jnp.asarray, parameters)),
         status,
         float(problem.value + target @ target),
         float(np.sqrt(np.mean(np.sum((directions + slopes) ** 2, axis=-1)))),
@@ -126,12 +126,3 @@ def fit_potential(
 
 
 _hessian = jax.jit(lambda potential, x: jax.hessian(potential)(x))
-
-
-def goal_hessian_eigenvalues(points, biases, end_slope, width, sharpness) -> tuple[float, ...]:
-    """Eigenvalues of the potential's Hessian at its end point, ascending, in float64, 1/m."""
-    with jax.enable_x64(True):
-        arrays = (jnp.asarray(np.asarray(a, float)) for a in (points, biases, end_slope, width, sharpness))
-        potential = NominalPotential(*arrays)
-        H = _hessian(potential, potential.points[-1])
-    return tuple(float(v) for v in np.linalg.eigvalsh(np.asarray(H)))

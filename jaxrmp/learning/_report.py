@@ -2,10 +2,9 @@
 
 from typing import Any
 
-import numpy as np
-
 from ._learn import Learning
 from ._potential_choice import PotentialChoice, WidthTrial
+from ._subtask_trajectories import end_spread
 
 
 def learning_report(learning: Learning) -> dict[str, Any]:
@@ -17,7 +16,7 @@ def learning_report(learning: Learning) -> dict[str, Any]:
     (beyond 90 degrees), basin, first and last loss. Lengths in metres, times in seconds.
     """
     prepared = learning.prepared
-    spread = np.linalg.norm(prepared.subtasks.ends - prepared.subtasks.ends.mean(0), axis=-1)
+    spread = end_spread(prepared.points)
     subtasks = [
         {
             "name": name,

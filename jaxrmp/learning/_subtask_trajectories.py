@@ -54,7 +54,12 @@ def subtask_trajectories(
     UnknownNameError.check("resampling", resample, ("arc", "time"))
     if not (taper >= 0 and end_tolerance > 0):
         raise ConfigurationError(f"taper is {taper!r} and end_tolerance {end_tolerance!r}: expected lengths, m.")
-    points = _checked(points)
+    points = [np.asarray(path, float) for path in points]
+    if len(points) < 2:
+        raise DemonstrationError(f"received control points of {len(points)} demonstration(s), expected at least two.")
+    shapes = [path.shape for path in points]
+    if any(len(shape) != 3 or shape[0] < 2 or shape[1:] != shapes[0][1:] for shape in shapes):
+        raise ShapeError(f"control points have shapes {shapes}, expected [T, K, 3] with one K.")
     spread = end_spread(points)
     if spread.max() > end_tolerance:
         n, k = np.unravel_index(spread.argmax(), spread.shape)
@@ -107,16 +112,6 @@ def tapered_speed(x: np.ndarray, taper: float = 0.03) -> np.ndarray:
     """Target speed `tanh(|x| / taper)` at distance |x| from the goal, [...] for x [..., m]; 1 if `taper` is 0."""
     distance = np.linalg.norm(x, axis=-1)
     return np.ones_like(distance) if taper == 0 else np.tanh(distance / taper)
-
-
-def _checked(points: Sequence[np.ndarray]) -> list[np.ndarray]:
-    paths = [np.asarray(path, float) for path in points]
-    if len(paths) < 2:
-        raise DemonstrationError(f"received control points of {len(paths)} demonstration(s), expected at least two.")
-    shapes = {path.shape[1:] for path in paths}
-    if any(path.ndim != 3 or len(path) < 2 for path in paths) or len(shapes) > 1:
-        raise ShapeError(f"control points have shapes {[path.shape for path in paths]}, expected [T, K, 3] with one K.")
-    return paths
 
 
 def _resampled(path: np.ndarray, samples: int, resample: str) -> np.ndarray:

@@ -4,7 +4,6 @@ import jax
 import jax.numpy as jnp
 
 from .._gds import GeometricDynamicalSystem
-from .._linalg import length
 from .._pytree import pytree, static
 from .._ranges import NonNegative, Positive
 from ._gaussian_well import gaussian_weight, gaussian_well
@@ -40,9 +39,7 @@ class Attractor(GeometricDynamicalSystem):
     damping_rate: NonNegative[jax.Array | float] = 2.0
     name: str = static(default="attractor")
     has_goal = True
-
-    def gap(self, x):
-        return length(x - jnp.asarray(self.goal, x.dtype))
+    _place = "goal"
 
     def metric(self, x, xd):
         z = x - jnp.asarray(self.goal, x.dtype)

@@ -29,8 +29,5 @@ class Damping(SeparableGDS):
     damping_rate: NonNegative[jax.Array | float] = 1.0
     name: str = static(default="damping")
 
-    def metric(self, x, xd):
-        return jnp.broadcast_to(jnp.asarray(self.weight, x.dtype), x.shape)
-
     def potential(self, x):
         return jnp.zeros_like(x)

@@ -1,7 +1,6 @@
 """A distance that is to be kept."""
 
 import jax
-import jax.numpy as jnp
 
 from .._gds import SeparableGDS
 from .._pytree import pytree, static
@@ -20,6 +19,7 @@ class Formation(SeparableGDS):
     **Arguments**: `weight` w, the metric; `gain`, 1/s^2; `damping_rate`, 1/s; numbers or [m].
     **Raises** `ConfigurationError` for a negative parameter.
 
+    >>> import jax.numpy as jnp
     >>> Formation(gain=4.0)(jnp.array([0.5]), jnp.zeros(1)).f.tolist()
     [-2.0]
 
@@ -31,9 +31,6 @@ class Formation(SeparableGDS):
     damping_rate: NonNegative[jax.Array | float] = 2.0
     name: str = static(default="formation")
     has_goal = True
-
-    def metric(self, x, xd):
-        return jnp.broadcast_to(jnp.asarray(self.weight, x.dtype), x.shape)
 
     def potential(self, x):
         return (0.5 * self.gain * self.weight * x * x).astype(x.dtype)

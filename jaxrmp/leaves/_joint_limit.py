@@ -64,23 +64,20 @@ class JointLimit(SeparableGDS):
 
     def __post_init__(self):
         if not any(isinstance(value, Tracer) for value in vars(self).values()):
-            self._check()
+            lower, upper = np.asarray(self.lower), np.asarray(self.upper)
+            if lower.ndim != 1 or lower.shape != upper.shape:
+                raise ShapeError(f"lower and upper must both be [n], received shapes {lower.shape} and {upper.shape}.")
+            set_field(self, "lower", self.lower if isinstance(self.lower, jax.Array) else lower)
+            set_field(self, "upper", self.upper if isinstance(self.upper, jax.Array) else upper)
+            bad = np.flatnonzero(~(np.isfinite(lower) & np.isfinite(upper) & (lower < upper)))
+            if bad.size:
+                raise RobotError(
+                    f"joint ranges must be finite with lower < upper; joints {bad.tolist()} have lower "
+                    f"{lower[bad].tolist()} and upper {upper[bad].tolist()}. Select the joints that have limits with "
+                    "pullback(Selection(...), JointLimit(...))."
+                )
         if self.rest is None:
             set_field(self, "rest", (self.lower + self.upper) / 2)
-
-    def _check(self):
-        lower, upper = np.asarray(self.lower), np.asarray(self.upper)
-        if lower.ndim != 1 or lower.shape != upper.shape:
-            raise ShapeError(f"lower and upper must both be [n], received shapes {lower.shape} and {upper.shape}.")
-        set_field(self, "lower", self.lower if isinstance(self.lower, jax.Array) else lower)
-        set_field(self, "upper", self.upper if isinstance(self.upper, jax.Array) else upper)
-        bad = np.flatnonzero(~(np.isfinite(lower) & np.isfinite(upper) & (lower < upper)))
-        if bad.size:
-            raise RobotError(
-                f"joint ranges must be finite with lower < upper; joints {bad.tolist()} have lower "
-                f"{lower[bad].tolist()} and upper {upper[bad].tolist()}. Select the joints that have limits with "
-                "pullback(Selection(...), JointLimit(...))."
-            )
 
     def gap(self, x):
         return jnp.minimum(*self._distances(x)).min().astype(x.dtype)

@@ -60,9 +60,6 @@ class Learned(GeometricDynamicalSystem):
     def potential(self, x):
         return (self.speed * self.damping_rate * self.potential_of(x)).astype(x.dtype)
 
-    def damping(self, x, xd):
-        return (self.damping_rate * self.metric(x, xd)).astype(x.dtype)
-
     def field(self, x: jax.Array) -> jax.Array:
         """The learned first-order field `-M^-1 grad Phi` [m] at `x` [m], of about unit length away from the goal."""
         return natural_gradient_field(self.cholesky_of(x), jax.grad(self.potential_of)(x))

@@ -4,7 +4,6 @@ import jax
 import jax.numpy as jnp
 
 from .._gds import SeparableGDS
-from .._linalg import length
 from .._pytree import pytree, static
 from .._ranges import NonNegative
 
@@ -31,12 +30,7 @@ class Posture(SeparableGDS):
     stiffness: NonNegative[jax.Array | float] = 4.0
     damping_rate: NonNegative[jax.Array | float] = 4.0
     name: str = static(default="posture")
-
-    def gap(self, x):
-        return length(x - jnp.asarray(self.rest, x.dtype))
-
-    def metric(self, x, xd):
-        return jnp.broadcast_to(jnp.asarray(self.weight, x.dtype), x.shape)
+    _place = "rest"
 
     def potential(self, x):
         return (0.5 * self.weight * self.stiffness * (x - jnp.asarray(self.rest, x.dtype)) ** 2).astype(x.dtype)

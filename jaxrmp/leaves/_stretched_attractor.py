@@ -4,7 +4,6 @@ import jax
 import jax.numpy as jnp
 
 from .._gds import GeometricDynamicalSystem
-from .._linalg import length
 from .._pytree import pytree, static
 from .._ranges import NonNegative, Positive
 from ._gaussian_well import gaussian_weight, gaussian_well
@@ -51,9 +50,7 @@ class StretchedAttractor(GeometricDynamicalSystem):
     damping_rate: NonNegative[jax.Array | float] = 2.0
     name: str = static(default="stretched_attractor")
     has_goal = True
-
-    def gap(self, x):
-        return length(x - jnp.asarray(self.goal, x.dtype))
+    _place = "goal"
 
     def metric(self, x, xd):
         z = x - jnp.asarray(self.goal, x.dtype)

@@ -53,9 +53,9 @@ def table(head: list, rows: list[list], empty: str = "") -> str:
     return f"<table><tr>{cells}</tr>{body}</table>"
 
 
-def records(entries: Iterable[Any], columns: Mapping[str, Callable[[Any], Any]], empty: str = "") -> str:
+def records(entries: Iterable[Any], columns: Mapping[str, Callable[[Any], Any]]) -> str:
     """A table of a row for each of `entries`: by the heading of each column, what it says of one."""
-    return table([*columns], [[cell(entry) for cell in columns.values()] for entry in entries], empty)
+    return table([*columns], [[cell(entry) for cell in columns.values()] for entry in entries])
 
 
 def pictures(figures: Mapping[str, tuple[bytes, str]]) -> str:

@@ -49,12 +49,7 @@ def door(T_world_object: np.ndarray | None = None) -> Door:
     """The Panda before an open cabinet door; the object is at `T_world_object` [4, 4], default as recorded."""
     T = pose_or(T_world_object, _POSE, _YAW)
     spec, thing = before_panda(T, [-1.15, -0.95, 0.5], [0.15, 0.1, -0.1])
-    _add_door(thing)
-    return Door("door", spec, T_world_object=T, **on_panda())
-
-
-def _add_door(thing: Any) -> None:
-    """The cabinet, fixed in the object's frame, and the door on its hinge; 0 rad is where it stood when shown."""
+    # The door, on its hinge: 0 rad is where it stood when shown.
     along = np.array([APPROACH[1], -APPROACH[0], 0.0])  # from the free edge to the hinge
     hinge = _STANDOFF + (_TO_DOOR + 0.01) * APPROACH + _TO_HINGE * along
     # x points from the hinge along the door to its free edge, y (z up) to the outside.
@@ -70,10 +65,11 @@ def _add_door(thing: Any) -> None:
         center = [bar[0], 0.5 * (bar[1] + 0.01), 0.06 * side]
         name = "door_post_low" if side < 0 else "door_post_high"
         add_box(door, name, center, [0.006, 0.5 * (bar[1] - 0.01), 0.006], METAL, mass=0.02, touches=False)
-    # The opening is the plane y = 0.28 of the object's frame, from the hinge to the far side.
+    # The cabinet, fixed in the object's frame: its opening is the plane y = 0.28, from the hinge to the far side.
     cabinet = add_body(thing, "cabinet", [-0.345, 0.6, 0.0])
     add_box(cabinet, "cabinet_bottom", [0.0, 0.0, -0.36], [0.68, 0.3, 0.01], WOOD)
     add_box(cabinet, "cabinet_top", [0.0, 0.0, 0.52], [0.68, 0.3, 0.01], WOOD)
     add_box(cabinet, "cabinet_back", [0.0, 0.31, 0.08], [0.68, 0.01, 0.45], WOOD)
     add_box(cabinet, "cabinet_left", [-0.69, 0.0, 0.08], [0.01, 0.3, 0.45], WOOD)
     add_box(cabinet, "cabinet_right", [0.69, 0.0, 0.08], [0.01, 0.3, 0.45], WOOD)
+    return Door("door", spec, T_world_object=T, **on_panda())

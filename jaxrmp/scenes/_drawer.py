@@ -58,12 +58,7 @@ def drawer(T_world_object: np.ndarray | None = None) -> Drawer:
 def drawer_spec(T: np.ndarray) -> Any:
     """The editable model, its camera before an object at `T` [4, 4]."""
     spec, thing = before_panda(T, [0.75, 1.15, 0.75], [-0.25, 0.15, 0.05])
-    _add_drawer(thing)
-    return spec
-
-
-def _add_drawer(thing: Any) -> None:
-    """The cabinet, fixed in the object's frame, and the drawer on its slide; 0 m is closed."""
+    # The cabinet is fixed in the object's frame, the drawer on its slide: 0 m is closed.
     # x points out of the cabinet, so that opening is positive; the origin is the face of the closed handle.
     cabinet = add_body(thing, "cabinet", CLOSED_FACE * PUSH, upright(-PUSH))
     add_box(cabinet, "cabinet_top", [-0.345, 0.0, 0.085], [0.25, 0.24, 0.01], WOOD)
@@ -91,3 +86,4 @@ def _add_drawer(thing: Any) -> None:
     add_box(drawer, "drawer_bottom", [-0.29, 0.0, -0.16], [0.2, 0.2, 0.006], **inside)
     add_box(drawer, "drawer_left", [-0.29, -0.2, -0.10], [0.2, 0.006, 0.06], **inside)
     add_box(drawer, "drawer_right", [-0.29, 0.2, -0.10], [0.2, 0.006, 0.06], **inside)
+    return spec

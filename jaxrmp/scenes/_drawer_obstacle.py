@@ -70,12 +70,8 @@ def drawer_obstacle(T_world_object: np.ndarray | None = None, cylinder: Cylinder
         raise ConfigurationError(f"{cylinder}: expected a positive radius and a height of more than twice that.")
     T = pose_or(T_world_object, DRAWER_POSE)
     spec = drawer_spec(T)
-    _add_cylinder(spec, cylinder)
-    return DrawerBehindCylinder("drawer_obstacle", spec, T_world_object=T, cylinder=cylinder, **on_panda())
-
-
-def _add_cylinder(spec: Any, cylinder: Cylinder) -> None:
     body = spec.worldbody.add_body(name="cylinder", mocap=True)
     r, h = cylinder.radius, cylinder.height
     add_geom(body, "CYLINDER", "", [0.8, 0.3, 0.2, 1.0], False, pos=[0, 0, h / 2], size=[r, h / 2, 0])
     add_bar(body, "obstacle", [[0, 0, r], [0, 0, h - r]], r, [0.8, 0.3, 0.2, 0.0])
+    return DrawerBehindCylinder("drawer_obstacle", spec, T_world_object=T, cylinder=cylinder, **on_panda())

@@ -43,37 +43,28 @@ def picture_model(place: Scene, meshes: str | os.PathLike | None = None) -> Any:
     """The model of the scene `place` as it is drawn: the Panda with the looks of Menagerie's where they are at hand,
     else as it is.
 
-    States of one are states of the other. **Arguments**: `meshes`, the MJCF file, by default `panda_meshes()`.
-    **Raises** `RobotError` for a file that is not that.
+    States of one are states of the other. Meshes are put where their model has them while all joints are at zero and
+    the fingers at `FINGER_WIDTH`, so that the frames of the two may differ. They touch nothing and weigh nothing; the
+    arm's own geometry becomes invisible.
+
+    **Arguments**: `meshes`, the MJCF file, by default `panda_meshes()`.
+    **Raises** `RobotError` for a file that cannot be read or has not the bodies of Menagerie's Panda.
     """
     if meshes is None:
         meshes = panda_meshes() if place.robot.fingerprint == panda().fingerprint else None
     if meshes is None:
         return place.model
-    spec = place.spec.copy()
-    add_meshes(spec, meshes)
-    return spec.compile()
-
-
-def add_meshes(spec: Any, source: str | os.PathLike) -> None:
-    """Give the arm of a scene's `spec` the looks of Menagerie's Panda at `source`; its own geometry becomes invisible.
-
-    Meshes are put where `source` has them while all joints are at zero and the fingers at `FINGER_WIDTH`, so that the
-    frames of the two models may differ. They touch nothing and weigh nothing.
-
-    **Raises** `RobotError` if `source` cannot be read or has not the bodies of Menagerie's Panda.
-    """
-    mujoco = import_mujoco()
+    spec, mujoco = place.spec.copy(), import_mujoco()
     try:
-        theirs = mujoco.MjSpec.from_file(str(source))
+        theirs = mujoco.MjSpec.from_file(str(meshes))
         places = _body_poses(theirs.compile(), FINGER_WIDTH)
     except ValueError as error:
-        raise RobotError(f"{str(source)!r} cannot be read as an MJCF model: {error}") from error
+        raise RobotError(f"{str(meshes)!r} cannot be read as an MJCF model: {error}") from error
     if missing := sorted(set(_BODIES.values()) - set(places)):
-        raise RobotError(f"{str(source)!r} is not Menagerie's Panda: it has no bodies {', '.join(missing)}.")
+        raise RobotError(f"{str(meshes)!r} is not Menagerie's Panda: it has no bodies {', '.join(missing)}.")
     ours = _body_poses(spec.compile(), 0.0)
-    folder = Path(source).parent / (theirs.meshdir or "")
-    meshes = {mesh.name or Path(mesh.file).stem: mesh for mesh in theirs.meshes}
+    folder = Path(meshes).parent / (theirs.meshdir or "")
+    found = {mesh.name or Path(mesh.file).stem: mesh for mesh in theirs.meshes}
     for material in theirs.materials:
         spec.add_material(name=f"mesh_{material.name}", rgba=material.rgba, specular=0.4, shininess=0.3)
     for own_name, name in _BODIES.items():
@@ -84,7 +75,7 @@ def add_meshes(spec: Any, source: str | os.PathLike) -> None:
             for geom in body.geoms:
                 geom.rgba = [*geom.rgba[:3], 0.0]
         for geom in seen:
-            mesh = meshes[geom.meshname]
+            mesh = found[geom.meshname]
             if spec.mesh(f"mesh_{geom.meshname}") is None:
                 spec.add_mesh(name=f"mesh_{geom.meshname}", file=str((folder / mesh.file).resolve()), scale=mesh.scale)
             T = T_own_theirs @ pose(geom.pos, rotation_of_quaternion(geom.quat))
@@ -100,6 +91,7 @@ def add_meshes(spec: Any, source: str | os.PathLike) -> None:
                 conaffinity=0,
                 group=_SEEN,
             )
+    return spec.compile()
 
 
 def _body_poses(model: Any, finger: float) -> dict[str, np.ndarray]:

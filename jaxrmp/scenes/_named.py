@@ -5,7 +5,6 @@ import inspect
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -34,14 +33,7 @@ def scene(named: str, *, T_world_object: np.ndarray | None = None) -> Scene:
     file, _, function = named.partition(".py")
     if not (named.endswith(".py") or ".py:" in named):
         raise UnknownNameError("scene", named, SCENES, "Or give a file: FILE.py, or FILE.py:function.")
-    make = _function(Path(file + ".py"), function.lstrip(":") or "scene")
-    found = make(T_world_object)
-    if not isinstance(found, Scene):
-        raise ConfigurationError(f"scene {named!r} gave a {type(found).__name__}, expected a jaxrmp.scenes.Scene.")
-    return found
-
-
-def _function(path: Path, name: str) -> Callable[..., Any]:
+    path, name = Path(file + ".py"), function.lstrip(":") or "scene"
     if not path.is_file():
         raise ConfigurationError(f"scene {str(path)!r}: there is no such file.")
     spec = importlib.util.spec_from_file_location(f"scene_of_{path.stem}", path)
@@ -54,4 +46,7 @@ def _function(path: Path, name: str) -> Callable[..., Any]:
         raise ConfigurationError(f"scene {str(path)!r} cannot be run: {type(error).__name__}: {error}") from error
     functions = [key for key, value in vars(module).items() if inspect.isfunction(value)]
     UnknownNameError.check(f"function of {str(path)!r}", name, functions, "Write one, or name it: FILE.py:function.")
-    return getattr(module, name)
+    found = getattr(module, name)(T_world_object)
+    if not isinstance(found, Scene):
+        raise ConfigurationError(f"scene {named!r} gave a {type(found).__name__}, expected a jaxrmp.scenes.Scene.")
+    return found

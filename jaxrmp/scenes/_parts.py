@@ -24,13 +24,8 @@ def arm_spec() -> Any:
     """The built-in Panda as an editable MuJoCo model, its fingers fixed open at `FINGER_WIDTH`, over a floor."""
     mujoco = import_mujoco()
     spec = mujoco.MjSpec.from_file(str(PANDA_MODEL))
-    for key in list(spec.keys):
-        spec.delete(key)
-    for equality in list(spec.equalities):
-        spec.delete(equality)
-    for actuator in list(spec.actuators):
-        if "finger" in actuator.name:
-            spec.delete(actuator)
+    for part in (*spec.keys, *spec.equalities, *(a for a in spec.actuators if "finger" in a.name)):
+        spec.delete(part)
     for joint in list(spec.joints):
         if "finger" in joint.name:
             joint.parent.pos = np.asarray(joint.parent.pos) + FINGER_WIDTH * np.asarray(joint.axis)

@@ -85,9 +85,17 @@ class Scene:
     model: Any = None
 
     def __post_init__(self):
-        if self.model is None:
-            object.__setattr__(self, "model", self._compiled())
-            self._check()
+        if self.model is not None:
+            return
+        option, visual, mujoco = self.spec.option, self.spec.visual.global_, import_mujoco()
+        option.timestep, option.integrator = 0.001, mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+        option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET  # a diverged state shall be seen
+        visual.offwidth, visual.offheight = 1280, 960
+        try:
+            object.__setattr__(self, "model", self.spec.compile())
+        except ValueError as error:
+            raise RobotError(f"scene {self.name!r}: MuJoCo cannot compile its model: {error}") from error
+        self._check()
 
     def left(self, data: Any) -> Left:
         """What is left to the goal in `data`, a state of the model: a `mujoco.MjData`."""
@@ -289,16 +297,6 @@ class Scene:
             return data.mocap_pos[body.mocapid[0]], data.mocap_quat[body.mocapid[0]]
         first = self.model.jnt_qposadr[body.jntadr[0]]
         return data.qpos[first : first + 3], data.qpos[first + 3 : first + 7]
-
-    def _compiled(self) -> Any:
-        mujoco, option = import_mujoco(), self.spec.option
-        option.timestep, option.integrator = 0.001, mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-        option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET  # a diverged state shall be seen
-        self.spec.visual.global_.offwidth, self.spec.visual.global_.offheight = 1280, 960
-        try:
-            return self.spec.compile()
-        except ValueError as error:
-            raise RobotError(f"scene {self.name!r}: MuJoCo cannot compile its model: {error}") from error
 
     def _check(self) -> None:
         mujoco, m = import_mujoco(), self.model

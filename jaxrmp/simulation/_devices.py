@@ -58,21 +58,15 @@ class Devices:
                 free.append(stats["bytes_limit"] - stats.get("bytes_in_use", 0))
         if free:
             return min(free)
-        machine = free_machine_memory()
-        return None if machine is None else machine // self.count
-
-
-def free_machine_memory() -> int | None:
-    """Bytes of main memory that a process could still take, a container's limit included; None if not known."""
-    found = []
-    try:
-        with open("/proc/meminfo") as file:
-            found += [1024 * int(line.split()[1]) for line in file if line.startswith("MemAvailable:")]
-    except OSError:
-        pass
-    try:
-        with open("/sys/fs/cgroup/memory.max") as limit, open("/sys/fs/cgroup/memory.current") as used:
-            found.append(max(int(limit.read()) - int(used.read()), 0))
-    except (OSError, ValueError):  # no such control group, or "max": no limit
-        pass
-    return min(found, default=None)
+        # What a process could still take of main memory, a container's limit included.
+        try:
+            with open("/proc/meminfo") as file:
+                free += [1024 * int(line.split()[1]) for line in file if line.startswith("MemAvailable:")]
+        except OSError:
+            pass
+        try:
+            with open("/sys/fs/cgroup/memory.max") as limit, open("/sys/fs/cgroup/memory.current") as used:
+                free.append(max(int(limit.read()) - int(used.read()), 0))
+        except (OSError, ValueError):  # no such control group, or "max": no limit
+            pass
+        return min(free) // self.count if free else None

@@ -104,7 +104,8 @@ class MjxEngine:
         bias = (data.qfrc_bias - data.qfrc_passive)[dofs]
         dynamics = ArmDynamics(mjx.full_m(model, data)[np.ix_(dofs, dofs)], bias)
         torque = computed_torque(dynamics, qdd, torque_limit).torque
-        contacts = self._contacts(data)
+        contact = getattr(data, "_impl", data).contact
+        contacts = jnp.sum((contact.dist < 0) & self._of_arm[contact.geom].any(-1), dtype=jnp.int32)
         ahead = self._finish_step(data.replace(ctrl=data.ctrl.at[scene.arm_actuators].set(torque / gear)))
         running = track.status == End.RUNNING
         track = track._replace(
@@ -113,11 +114,6 @@ class MjxEngine:
         new = (ahead.qpos[scene.arm_qpos], ahead.qvel[dofs], ahead.qpos, ahead.qvel, ahead.qacc_warmstart)
         q, qd, qpos, qvel, warm = (jnp.where(running, a, b) for a, b in zip(new, state[:-1], strict=True))
         return MjxState(q, qd, qpos, qvel, warm, track)
-
-    def _contacts(self, data: Any) -> jax.Array:
-        """How many contacts the arm has."""
-        contact = getattr(data, "_impl", data).contact
-        return jnp.sum((contact.dist < 0) & self._of_arm[contact.geom].any(-1), dtype=jnp.int32)
 
     def _finish_step(self, data: Any) -> Any:
         """What `mjx.step` does after `fwd_velocity`, for the implicitfast integrator."""

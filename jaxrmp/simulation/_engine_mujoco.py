@@ -1,9 +1,9 @@
 """Many rollouts in native MuJoCo, judged by the skill's own goal."""
 
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from ..kinematics._mujoco import import_mujoco
@@ -80,9 +80,7 @@ class MujocoEngine:
 
 
 @jax.jit
+@partial(jax.vmap, in_axes=(None, None, None, 0, 0, 0))
 def _judge_and_command(problem: Problem, criteria: StopCriteria, dt: float, track: Track, q: jax.Array, qd: jax.Array):
-    def one(track, q, qd):
-        asked = command(problem.tree, q, qd)
-        return asked.qdd, judged(problem, criteria, dt, track, q, qd, asked)
-
-    return jax.vmap(one)(track, jnp.asarray(q), jnp.asarray(qd))
+    asked = command(problem.tree, q, qd)
+    return asked.qdd, judged(problem, criteria, dt, track, q, qd, asked)

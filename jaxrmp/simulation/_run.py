@@ -1,6 +1,7 @@
 """Many trials in native MuJoCo at 1 kHz, judged by their scene's rules."""
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 import jax
@@ -88,14 +89,12 @@ def run_trials(
 
 
 @jax.jit
-def _command(policy, forms, T, worlds, q, qd, track, ends, criteria, limits, dt):
-    def one(forms, T, world, q, qd, track, ends):
-        tree = policy.tree(T, world)
-        asked = command(tree if forms is None else with_held(tree, forms), q, qd)
-        seen = Seen(q, qd, asked.energy, asked.qdd, margin(q, *limits), *ends)
-        return asked.qdd, judge(criteria, dt, track, seen)
-
-    return jax.vmap(one)(forms, T, worlds, q, qd, track, ends)
+@partial(jax.vmap, in_axes=(None, 0, 0, 0, 0, 0, 0, 0, None, None, None))
+def _command(policy, forms, T, world, q, qd, track, ends, criteria, limits, dt):
+    tree = policy.tree(T, world)
+    asked = command(tree if forms is None else with_held(tree, forms), q, qd)
+    seen = Seen(q, qd, asked.energy, asked.qdd, margin(q, *limits), *ends)
+    return asked.qdd, judge(criteria, dt, track, seen)
 
 
 @jax.jit

@@ -73,7 +73,7 @@ def start_tracker(settings: TrackerSettings, seed: tuple[int, ...], T: np.ndarra
     **Arguments**: `settings`; `seed`, integers, of all its noise.
     """
     rng = np.random.default_rng([*seed, 0])
-    drift = rng.normal(size=6) * _scales(settings.drift)
+    drift = rng.normal(size=6) * np.repeat(settings.drift, 3)
     drift[:3] += rng.normal(size=3) * settings.bias
     return TrackerState(_noisy(settings, T, drift, rng), 0.0, 1, drift, (), tuple(seed))
 
@@ -89,10 +89,8 @@ def observe(settings: TrackerSettings, state: TrackerState, time: float, T: np.n
         rng = np.random.default_rng([*seed, frame])
         lost = rng.uniform() < settings.dropouts or time >= settings.silent_after
         keep = np.exp(-1.0 / (settings.rate * settings.drift_time))
-        constant = _constant(settings, seed)
-        drift = (
-            constant + keep * (drift - constant) + np.sqrt(1 - keep**2) * rng.normal(size=6) * _scales(settings.drift)
-        )
+        constant, spread = _constant(settings, seed), np.repeat(settings.drift, 3)
+        drift = constant + keep * (drift - constant) + np.sqrt(1 - keep**2) * rng.normal(size=6) * spread
         if not lost:
             on_the_way = (*on_the_way, (time, _noisy(settings, T, drift, rng)))
         frame += 1
@@ -107,10 +105,6 @@ def lost(settings: TrackerSettings, state: TrackerState, time: float) -> bool:
     return time - state.stamp > settings.delay + settings.keep
 
 
-def _scales(noise: tuple[float, float]) -> np.ndarray:
-    return np.repeat(noise, 3)
-
-
 def _constant(settings: TrackerSettings, seed: tuple[int, ...]) -> np.ndarray:
     """The constant error of a trial, as drawn by `start_tracker`."""
     rng = np.random.default_rng([*seed, 0])
@@ -119,7 +113,7 @@ def _constant(settings: TrackerSettings, seed: tuple[int, ...]) -> np.ndarray:
 
 
 def _noisy(settings: TrackerSettings, T: np.ndarray, drift: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    error = drift + rng.normal(size=6) * _scales(settings.jitter)
+    error = drift + rng.normal(size=6) * np.repeat(settings.jitter, 3)
     seen = np.array(T, float)
     seen[:3, :3] = seen[:3, :3] @ rotation_of_vector(error[3:])
     seen[:3, 3] += error[:3]

@@ -60,10 +60,8 @@ class _Hold(Rebuild):
     """The tree with forms, taken one by one, in the place of learned leaves."""
 
     def __init__(self, forms: tuple[NaturalForm, ...]):
+        super().__init__(lambda leaf: Held(self._left.pop(0)) if isinstance(leaf, Learned) else leaf)
         self._left = list(forms)
-
-    def visit_leaf(self, leaf, state):
-        return Held(self._left.pop(0)) if isinstance(leaf, Learned) else leaf
 
     def visit_batched(self, node, shared, state):
         if shared and _learns(node):  # what is held is each point's own

@@ -68,7 +68,8 @@ def _record(task: str, place: np.ndarray, rng: np.random.Generator) -> Demonstra
 
 def _perform(task: str, place: np.ndarray, rng: np.random.Generator) -> tuple[TaskScript, np.ndarray, np.ndarray]:
     """A script that the arm can follow, and what it does: times [T], s, and configurations [T, 7]."""
-    for attempt in range(_ATTEMPTS):
+    attempts = 0
+    while True:
         script = _SCRIPTS[task](rng, place)
         motion = script.motion
         knots = np.linspace(0.0, motion.duration, round(motion.duration / _KNOT) + 1)
@@ -76,13 +77,11 @@ def _perform(task: str, place: np.ndarray, rng: np.random.Generator) -> tuple[Ta
         lean = minimum_jerk(knots / motion.duration)[:, None]
         postures = (1.0 - lean) * script.postures[0] + lean * script.postures[1]
         try:
-            q = follow(panda(), "panda_link7", _GRIPPER, positions, rotations.as_matrix(), postures)
+            return script, knots, follow(panda(), "panda_link7", _GRIPPER, positions, rotations.as_matrix(), postures)
         except DemonstrationError:
-            if attempt == _ATTEMPTS - 1:
+            attempts += 1
+            if attempts == _ATTEMPTS:
                 raise
-        else:
-            return script, knots, q
-    raise AssertionError("unreachable")
 
 
 def _tracked(T: np.ndarray, samples: int, rng: np.random.Generator) -> np.ndarray:

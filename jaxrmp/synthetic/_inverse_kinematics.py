@@ -10,6 +10,8 @@ from ..kinematics import Robot, forward_kinematics
 with importing("scipy", "learning"):
     from scipy.optimize import least_squares
 
+_MARGIN = 0.1  # rad, kept from the joint limits
+_TOLERANCE, _LARGEST_STEP = 0.02, 0.2  # m off the path, and rad from one configuration to the next, at most
 _LEVER = 0.2  # metres by which an orientation error counts as a position error
 _POSTURE = 4e-3  # metres per radian away from the reference posture
 _SMOOTHNESS = 4e-3  # metres per radian away from the configuration before
@@ -22,15 +24,11 @@ def follow(
     positions: np.ndarray,
     rotations: np.ndarray,
     postures: np.ndarray,
-    margin: float = 0.1,
-    tolerance: float = 0.02,
-    largest_step: float = 0.2,
 ) -> np.ndarray:
     """Configurations `q` [T, n] that take a point of the robot along a path of poses, each seeded by the one before.
 
     **Arguments**: `offset` [3], the point in `frame`, m; `positions` [T, 3] and `rotations` [T, 3, 3], its path in
-    the base; `postures` [T, n], rad, what the redundant joints lean to; `margin`, rad, distance kept from the joint
-    limits; `tolerance`, m, allowed position error; `largest_step`, rad, allowed from one configuration to the next.
+    the base; `postures` [T, n], rad, what the redundant joints lean to.
     **Raises** `DemonstrationError` if the path cannot be followed.
     """
     with jax.enable_x64(True):
@@ -48,7 +46,7 @@ def follow(
             )
 
         value, jacobian = jax.jit(error), jax.jit(jax.jacfwd(error))
-        lower, upper = np.asarray(robot.lower) + margin, np.asarray(robot.upper) - margin
+        lower, upper = np.asarray(robot.lower) + _MARGIN, np.asarray(robot.upper) - _MARGIN
 
         def solve(q, target):
             solution = least_squares(
@@ -69,12 +67,12 @@ def follow(
         for target in targets:
             before = q
             q, miss = solve(before, target)
-            if miss > tolerance:
+            if miss > _TOLERANCE:
                 raise DemonstrationError(
                     f"the scripted motion is out of reach: {miss:.3f} m from {target[0].round(3).tolist()}. Try "
                     "another seed."
                 )
-            if path and np.abs(q - before).max() > largest_step:
+            if path and np.abs(q - before).max() > _LARGEST_STEP:
                 raise DemonstrationError(
                     f"the scripted motion jumps at {target[0].round(3).tolist()}. Try another seed."
                 )

@@ -1,5 +1,6 @@
 """Human-like motions of the hand: overlapping minimum-jerk segments from via point to via point."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -42,15 +43,18 @@ class HandMotion:
         return position + wobble[:, :3], rotation * Rotation.from_rotvec(wobble[:, 3:])
 
 
-def through(positions: np.ndarray, rotations: Rotation, speed: float, overlap: float, wobble: np.ndarray) -> HandMotion:
-    """A motion through via poses at about `speed`, m/s.
+def through(
+    positions: Sequence, rotations: Sequence[Rotation], speed: float, overlap: float, rng: np.random.Generator
+) -> HandMotion:
+    """A motion through via poses at about `speed`, m/s, with a wobble of three harmonics, falling with their frequency.
 
     Every segment begins when `overlap` (a fraction) of the one before is still to come, which rounds the corners.
     """
+    wobble = rng.normal(0.0, 1.0, (3, 6)) * ([0.008] * 3 + [0.03] * 3) / np.array([[1.0], [2.0], [3.0]])  # m and rad
     lengths = np.linalg.norm(np.diff(positions, axis=0), axis=1)
     durations = np.maximum(lengths / speed, 0.8)
     starts = np.concatenate([[0.0], np.cumsum(durations[:-1] * (1.0 - overlap))])
-    return HandMotion(np.asarray(positions), rotations, starts, durations, wobble)
+    return HandMotion(np.stack(positions), Rotation.concatenate(rotations), starts, durations, wobble)
 
 
 def minimum_jerk(s: np.ndarray) -> np.ndarray:

@@ -32,13 +32,7 @@ def drawer_closing(rng: np.random.Generator, place: np.ndarray) -> TaskScript:
     start_turn = Rotation.from_euler("zxy", rng.normal(0.0, [0.25, 0.06, 0.06]))
     on_the_way = Rotation.from_euler("zxy", rng.normal(0.0, [0.10, 0.04, 0.04]))
     rotations = [start_turn * aligned, on_the_way * aligned, aligned, aligned]
-    motion = through(
-        np.stack([start, corner, front, closed]),
-        Rotation.concatenate(rotations),
-        speed=rng.uniform(0.08, 0.13),
-        overlap=0.45,
-        wobble=_wobble(rng, 0.008, 0.03),
-    )
+    motion = through([start, corner, front, closed], rotations, rng.uniform(0.08, 0.13), 0.45, rng)
     postures = np.array([[-0.6, -0.6, 0.2, -2.4, 0.1, 1.8, 1.1], [-0.75, 0.85, 0.3, -1.1, -0.3, 1.95, 1.3]])
     postures[:, [0, 2]] += rng.normal(0.0, 0.2) * np.array([1.0, -1.0])  # the redundant joint, held as it happens to be
     return TaskScript(motion, postures, {})
@@ -63,13 +57,7 @@ def door_reaching(rng: np.random.Generator, place: np.ndarray) -> TaskScript:
     in_cabinet = Rotation.from_euler("zyx", rng.normal(0.0, [0.15, 0.15, 0.1])) * in_cabinet
     turn = (in_cabinet.inv() * at_handle).as_rotvec()
     rotations = [in_cabinet * Rotation.from_rotvec(s * turn) for s in (0.0, 0.1, 0.25, 0.6, 0.85, 1.0)]
-    motion = through(
-        np.stack([start, *arc]),
-        Rotation.concatenate(rotations),
-        speed=rng.uniform(0.13, 0.18),
-        overlap=0.5,
-        wobble=_wobble(rng, 0.008, 0.03),
-    )
+    motion = through([start, *arc], rotations, rng.uniform(0.13, 0.18), 0.5, rng)
     postures = np.array([[-0.3, 0.35, -0.3, -0.85, 0.05, 2.5, 0.9], [0.25, -1.3, -0.75, -1.57, -0.15, 1.95, 0.2]])
     return TaskScript(motion, postures, {"door_handle": pose(handle, door.as_matrix())})
 
@@ -80,8 +68,3 @@ def _axes(x, z) -> Rotation:
     x = np.asarray(x, float) - np.dot(x, z) * z
     x /= np.linalg.norm(x)
     return Rotation.from_matrix(np.stack([x, np.cross(z, x), z], axis=1))
-
-
-def _wobble(rng: np.random.Generator, metres: float, radians: float) -> np.ndarray:
-    """Amplitudes of three harmonics, falling with their frequency."""
-    return rng.normal(0.0, 1.0, (3, 6)) * ([metres] * 3 + [radians] * 3) / np.array([[1.0], [2.0], [3.0]])

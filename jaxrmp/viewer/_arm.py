@@ -31,7 +31,11 @@ class ArmView:
         self.frames = tuple(name for name in dict.fromkeys(carried) if name in robot.frame_names)
         scene = server.scene
         self._nodes = {name: scene.add_frame(f"/arm/{name}", show_axes=False) for name in self.frames}
-        tinted = _tints([name_of[shape.body] for shape in shapes]) if robot.fingerprint == panda().fingerprint else {}
+        tinted: dict[str, tuple[int, int, int]] = {}
+        if robot.fingerprint == panda().fingerprint:  # two light greys in turn, and a dark one for the hand
+            links = dict.fromkeys(name_of[shape.body] for shape in shapes)
+            arm = [name for name in links if "hand" not in name and "finger" not in name]
+            tinted = dict.fromkeys(links, _HAND) | {name: _LINKS[k % 2] for k, name in enumerate(arm)}
         for i, shape in enumerate(shapes):
             name = name_of[shape.body]
             add_shape(scene, f"/arm/{name}/shape_{i}", shape, tinted.get(name))
@@ -49,12 +53,6 @@ class ArmView:
         """Show the collision spheres, or hide them."""
         for node in self._spheres:
             node.visible = visible
-
-
-def _tints(links: list[str]) -> dict[str, tuple[int, int, int]]:
-    """Two light greys in turn for the Panda's links, a dark one for its hand, so that they can be told apart."""
-    arm = [name for name in dict.fromkeys(links) if "hand" not in name and "finger" not in name]
-    return dict.fromkeys(links, _HAND) | {name: _LINKS[k % 2] for k, name in enumerate(arm)}
 
 
 def _sphere_node(scene: Any, name: str, spheres: RobotSpheres) -> Any:

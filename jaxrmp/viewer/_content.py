@@ -74,10 +74,7 @@ def skill_content(
 
 def last_frame(robot: Robot) -> str:
     """The frame that the most joints move; of several, the last in the file."""
-
-    def joints_above(index: int) -> int:
-        path = robot.model.path(robot.model.frames[index].body)
-        return sum(robot.model.joints[j].coordinate >= 0 for b in path for j in robot.model.joints_of_body[b])
-
-    counts = [joints_above(i) for i in range(len(robot.model.frames))]
+    model = robot.model
+    moving = [sum(model.joints[j].coordinate >= 0 for j in joints) for joints in model.joints_of_body]
+    counts = [sum(moving[b] for b in model.path(frame.body)) for frame in model.frames]
     return robot.frame_names[max(range(len(counts)), key=lambda i: (counts[i], i))]

@@ -22,9 +22,12 @@ class FurnitureView:
         self._scene, self._data = scene, scene.with_object(np.eye(4)).fresh()
         mujoco.mj_kinematics(scene.model, self._data)
         self._node = server.scene.add_frame("/object", show_axes=False)
-        bodies = self._carried()
-        geoms = [g for g in range(scene.model.ngeom) if int(scene.model.geom_bodyid[g]) in bodies]
-        for i, shape in enumerate(shapes_of(scene.model, geoms)):
+        model, bodies = scene.model, set[int]()
+        for b in range(1, model.nbody):
+            if model.body(b).name == scene.object or int(model.body_parentid[b]) in bodies:
+                bodies.add(b)
+        geoms = [g for g in range(model.ngeom) if int(model.geom_bodyid[g]) in bodies]
+        for i, shape in enumerate(shapes_of(model, geoms)):
             pose = {"position": self._data.xpos[shape.body], "wxyz": self._data.xquat[shape.body]}
             add_shape(server.scene, f"/object/shape_{i}", shape, flat_shading=True, side="double", **pose)
 
@@ -39,14 +42,6 @@ class FurnitureView:
         data.qpos[scene.arm_qpos] = q
         mujoco.mj_kinematics(scene.model, data)
         return scene.clearance(data)
-
-    def _carried(self) -> set[int]:
-        """Bodies below the object."""
-        model, bodies = self._scene.model, set()
-        for b in range(1, model.nbody):
-            if model.body(b).name == self._scene.object or int(model.body_parentid[b]) in bodies:
-                bodies.add(b)
-        return bodies
 
 
 def camera_of(scene: Scene) -> tuple[np.ndarray, np.ndarray]:

@@ -19,12 +19,6 @@ def segments(path: np.ndarray) -> np.ndarray:
     return np.stack([path[:-1], path[1:]], axis=1)
 
 
-def triangle_segments(points: np.ndarray) -> np.ndarray:
-    """Control points [T, K, 3] at instants even in arc length, joined up to outlines, as segments [S, 2, 3]."""
-    shapes = resample_by_arc_length(points, _INSTANTS)
-    return np.concatenate([outline(shape) for shape in shapes])
-
-
 def outline(points: np.ndarray) -> np.ndarray:
     """The segments of one closed outline through K points [K, 3]: K of them, one for two points, none for one."""
     if len(points) < 2:
@@ -33,12 +27,13 @@ def outline(points: np.ndarray) -> np.ndarray:
 
 
 class PathLines:
-    """Paths of control points below the node of a frame, N arrays [T, K, 3], with their triangles."""
+    """Paths of control points below the node of a frame, N arrays [T, K, 3], with their triangles at
+    instants even in arc length."""
 
     def __init__(self, server: Any, name: str, paths: Sequence[np.ndarray], color: tuple[int, int, int], width: float):
         thinned = [resample_by_arc_length(path, min(_LINE_POINTS, len(path))) for path in paths]
         lines = [segments(path[:, k]) for path in thinned for k in range(path.shape[1])]
-        shapes = [triangle_segments(path) for path in paths]
+        shapes = [outline(shape) for path in paths for shape in resample_by_arc_length(path, _INSTANTS)]
         self._lines = _add(server, f"{name}/lines", np.concatenate(lines), color, width)
         self._triangles = _add(server, f"{name}/triangles", np.concatenate(shapes), color, 0.6 * width)
 

@@ -39,9 +39,7 @@ class Situation:
     def tree(self, hand: str) -> Node:
         """The whole policy, its leaves switched, with the push at the origin of the frame `hand`."""
         own = switched(self.policy.tree(self.T_world_target, self.world), self.shares)
-        return own + pullback(
-            ControlPoints(self.policy.robot, hand, jnp.zeros((1, 3))), Batched(self.push, shared=True)
-        )
+        return own + pullback(ControlPoints(self.policy.robot, (hand,)), Batched(self.push, shared=True))
 
 
 @pytree
@@ -78,6 +76,6 @@ def examine(situation: Situation, motion: Motion, hand: str) -> tuple[Inspection
     """The leaves at one state, and how heavy the hand is: the mean of the policy's metric seen from it,
     `(J M^-1 J^T)^-1`."""
     found = inspect(situation.tree(hand), motion.q, motion.qd)
-    J = pushforward(ControlPoints(situation.policy.robot, hand, jnp.zeros((1, 3))), motion.q, motion.qd).J[0]
+    J = pushforward(ControlPoints(situation.policy.robot, (hand,)), motion.q, motion.qd).J[0]
     mobility = J @ resolve(NaturalForm(J, jnp.broadcast_to(found.M.sum(0), (3, *found.M.shape[1:])))).T
     return found, 3 / jnp.trace(mobility)

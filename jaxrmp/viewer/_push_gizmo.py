@@ -5,8 +5,6 @@ from typing import Any
 
 import numpy as np
 
-from ._push import Push
-
 _RATE = 12.0  # 1/s, of the spring on the hand's own weight
 _SECONDS, _REACH = 0.5, 0.15  # of a push by the button: how long, how far away the spring's other end is, m
 
@@ -62,9 +60,3 @@ class PushGizmo:
             return np.zeros(3), 0.0, 0.0
         k = self._strength.value * self.weight
         return goal, k * _RATE * _RATE, k * _RATE
-
-
-def push_of(values: tuple[np.ndarray, float, float]) -> Push:
-    """The leaf for what `PushGizmo.read` gave."""
-    goal, stiffness, damping_rate = values
-    return Push(np.asarray(goal, np.float32), np.float32(stiffness), np.float32(damping_rate))

@@ -10,19 +10,13 @@ from .._errors import ConfigurationError, importing
 ADDRESS = "127.0.0.1"
 
 
-def import_viser() -> Any:
-    """The viser package. **Raises** `MissingDependencyError` without it."""
-    with importing("viser", "viewer"):
-        import viser
-    return viser
-
-
 def open_server(port: int, label: str) -> Any:
     """A `viser.ViserServer` that listens on this machine alone; `port` 0 takes any that is free.
 
     **Raises** `ConfigurationError` for a port that is none or in use, `MissingDependencyError` without viser.
     """
-    viser = import_viser()
+    with importing("viser", "viewer"):
+        import viser
     if not 0 <= port <= 65535:
         raise ConfigurationError(f"port is {port}, expected 0 (any free one) to 65535.")
     with socket.socket() as probe:

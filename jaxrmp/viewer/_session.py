@@ -22,7 +22,8 @@ from ._loop import Frame, LiveLoop
 from ._obstacles import ObstacleGizmos
 from ._plots import Plots
 from ._poses import place, pose_of
-from ._push_gizmo import PushGizmo, push_of
+from ._push import Push
+from ._push_gizmo import PushGizmo
 from ._server import open_server
 from ._switched import switches
 
@@ -86,7 +87,9 @@ class Session:
             eye, looked_at = camera_of(content.furniture)
         server.initial_camera.position, server.initial_camera.look_at = eye, looked_at
         policy = single(content.policy)
-        names = switches(policy.tree(content.T_world_target, single(_with_slots(content))))
+        balls = Spheres.of([((0.0, 0.0, 9.0), 0.1)] * len(content.balls))  # as many slots as there will be
+        world = World(spheres=balls, capsules=content.world.capsules)
+        names = switches(policy.tree(content.T_world_target, single(world)))
         self.leaf_labels = (*content.labels, *(n.replace("_", " ") for n in names[len(content.labels) :]))
         self.arm = ArmView(server, policy.robot, policy.spheres, (content.hand, *content.frames))
         self.target = server.scene.add_transform_controls("/target", scale=0.22, line_width=3.0, depth_test=False)
@@ -94,7 +97,9 @@ class Session:
         self.furniture = FurnitureView(server, content.furniture) if content.furniture is not None else None
         self.trace = Trace(server)
         self.status = server.gui.add_markdown("compiling the policy ...")
-        self._run_controls(server)
+        self.play = server.gui.add_button("Pause", icon="player-pause")
+        self.reset = server.gui.add_button("Reset", icon="player-skip-back")
+        self.speed = server.gui.add_slider("speed", 0.1, 4.0, step=0.1, initial_value=1.0)
         self.folder = server.gui.add_folder(folder) if folder else None
         tabs = server.gui.add_tab_group()
         with tabs.add_tab("Scene"):
@@ -118,11 +123,6 @@ class Session:
         self.plots = Plots(server, self.leaf_labels, distances)
         self._kept = _Kept()
         self.loop = LiveLoop(self.read, content.q, self.arm.frames, content.hand, self.on_frame, self.notify)
-
-    def _run_controls(self, server: Any) -> None:
-        self.play = server.gui.add_button("Pause", icon="player-pause")
-        self.reset = server.gui.add_button("Reset", icon="player-skip-back")
-        self.speed = server.gui.add_slider("speed", 0.1, 4.0, step=0.1, initial_value=1.0)
 
         @self.play.on_click
         async def _(_: Any) -> None:
@@ -214,7 +214,7 @@ class Session:
             kept("target", T.tobytes(), T),
             kept("world", id(world), world),
             kept("shares", shares.tobytes(), shares),
-            kept("push", (push[0].tobytes(), *push[1:]), push_of(push)),
+            kept("push", (push[0].tobytes(), *push[1:]), Push(*push)),
         )
 
     def pose(self, frame: Frame, name: str) -> np.ndarray:
@@ -321,9 +321,3 @@ class _Kept:
             # The value too, for its identity may be the key.
             known = self._values[name] = (key, value, jax.tree.map(jnp.asarray, single(value)))
         return known[2]
-
-
-def _with_slots(content: Content) -> World:
-    """A world with as many slots as the session's will have."""
-    balls = Spheres.of([((0.0, 0.0, 9.0), 0.1)] * len(content.balls))
-    return World(spheres=balls, capsules=content.world.capsules)

@@ -29,7 +29,9 @@ def shapes_of(model: Any, geoms: Iterable[int]) -> list[Shape]:
     parts: dict[tuple, list[tuple[np.ndarray, np.ndarray]]] = {}
     for g in geoms:
         found = _triangles(model, int(g))
-        rgba = _colour(model, int(g))
+        material = int(model.geom_matid[g])
+        colour = model.mat_rgba[material] if material >= 0 else model.geom_rgba[g]
+        rgba: Any = tuple(round(float(v), 3) for v in colour)
         if found is None or rgba[3] == 0:
             continue
         vertices, faces, flat = found
@@ -56,12 +58,6 @@ def seen(model: Any) -> list[int]:
     links = [g for g in range(model.ngeom) if model.geom_bodyid[g] > 0]
     visual = [g for g in links if not (model.geom_contype[g] or model.geom_conaffinity[g])]
     return visual or links
-
-
-def _colour(model: Any, g: int) -> tuple[float, float, float, float]:
-    material = int(model.geom_matid[g])
-    rgba = model.mat_rgba[material] if material >= 0 else model.geom_rgba[g]
-    return tuple(round(float(v), 3) for v in rgba)  # pyright: ignore[reportReturnType]
 
 
 def _triangles(model: Any, g: int) -> tuple[np.ndarray, np.ndarray, bool] | None:

@@ -24,6 +24,7 @@ class _Switches(Rebuild):
     """Scales the leaves, one after the other; the state is how many points have parameters of their own, or None."""
 
     def __init__(self, shares: jax.Array | None):
+        super().__init__()
         self.names: list[str] = []
         self._shares = shares
 

@@ -10,16 +10,11 @@ from ._recorder import TARGET
 _POINTS = {"hand": (0.0, 0.0, -0.06), "left": (0.0, 0.04, 0.0), "right": (0.0, -0.04, 0.0)}  # m, in the hand's frame
 
 
-def configuration_file(folder: Path) -> Path:
-    """Where the configuration of the demonstrations in a folder is written: beside it, `FOLDER.toml`."""
-    return folder.with_name(folder.name + ".toml")
-
-
 def write_configuration(folder: Path, robot: str, hand: str, targeted: bool) -> Path:
     """Write a configuration with three control points on the hand, a triangle that fixes its pose.
 
     **Arguments**: `folder` of the demonstrations; `robot`, "panda" or a file; `hand`, the frame that was dragged;
-    `targeted`, whether the demonstrations have a target frame. **Returns** the file.
+    `targeted`, whether the demonstrations have a target frame. **Returns** the file, `FOLDER.toml` beside the folder.
     """
     name = re.sub(r"[^\w.-]", "_", folder.name).lstrip("-.") or "skill"
     robot = robot if robot == "panda" else str(Path(robot).resolve())
@@ -30,7 +25,7 @@ def write_configuration(folder: Path, robot: str, hand: str, targeted: bool) -> 
     for point, offset in _POINTS.items():
         lines += ["", "[[subtasks]]", f"name = {json.dumps(point)}", f"frame = {json.dumps(hand)}"]
         lines.append(f"offset = {list(offset)} # m")
-    path = configuration_file(folder)
+    path = folder.with_name(folder.name + ".toml")
     with atomic_write(path) as file:
         file.write(("\n".join(lines) + "\n").encode())
     return path

@@ -1,5 +1,6 @@
 """A learned three-dimensional field as seen in the plane that its demonstrations keep to."""
 
+from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -77,9 +78,7 @@ def fields_at(learned: Learned, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, 
 
 
 @jax.jit
+@partial(jax.vmap, in_axes=(None, 0))
 def _evaluated(learned, x):
-    def one(x):
-        potential, slope = jax.value_and_grad(learned.potential_of)(x)
-        return potential, -slope, learned.field(x)
-
-    return jax.vmap(one)(x)
+    potential, slope = jax.value_and_grad(learned.potential_of)(x)
+    return potential, -slope, learned.field(x)

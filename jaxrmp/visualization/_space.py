@@ -66,24 +66,20 @@ def _set_box(axes: Axes3D, points: np.ndarray) -> np.ndarray:
 
 def _fit(figure: Figure, axes: Axes3D, size: np.ndarray) -> tuple[np.ndarray, float]:
     """The shift (of the figure's size) and zoom with which a box and its labels just fill the axes' place."""
-    zoom, place = 1.0, axes.get_position(original=True).transformed(figure.transFigure)
-    box = place
-    for _ in range(4):  # labels do not grow with the box, so one step is not enough
-        axes.set_box_aspect(size, zoom=zoom)
-        figure.draw_without_rendering()
-        box = _extent(axes)
-        zoom *= 0.94 * min(place.width / box.width, place.height / box.height)
-    shift = (np.array(place.p0) + place.p1 - box.p0 - box.p1) / 2
-    return shift / figure.bbox.size, zoom
-
-
-def _extent(axes: Axes3D):
-    """Where the box with its ticks and labels lies on the page, pixels; after a draw."""
     from matplotlib.transforms import Bbox
     from mpl_toolkits.mplot3d.proj3d import proj_transform
 
+    zoom, place = 1.0, axes.get_position(original=True).transformed(figure.transFigure)
+    box = place
     corners = np.stack(np.meshgrid(axes.get_xlim(), axes.get_ylim(), axes.get_zlim())).reshape(3, -1)
-    x, y, _ = proj_transform(corners[0], corners[1], corners[2], axes.get_proj())
-    projected = axes.transData.transform(np.stack([x, y], axis=1))
-    labels = [axis.get_tightbbox() for axis in (axes.xaxis, axes.yaxis, axes.zaxis)]
-    return Bbox.union([Bbox([projected.min(0), projected.max(0)]), *(box for box in labels if box is not None)])
+    for _ in range(4):  # labels do not grow with the box, so one step is not enough
+        axes.set_box_aspect(size, zoom=zoom)
+        figure.draw_without_rendering()
+        # Where the box with its ticks and labels lies on the page, pixels.
+        x, y, _ = proj_transform(corners[0], corners[1], corners[2], axes.get_proj())
+        projected = axes.transData.transform(np.stack([x, y], axis=1))
+        labels = [axis.get_tightbbox() for axis in (axes.xaxis, axes.yaxis, axes.zaxis)]
+        box = Bbox.union([Bbox([projected.min(0), projected.max(0)]), *(box for box in labels if box is not None)])
+        zoom *= 0.94 * min(place.width / box.width, place.height / box.height)
+    shift = (np.array(place.p0) + place.p1 - box.p0 - box.p1) / 2
+    return shift / figure.bbox.size, zoom

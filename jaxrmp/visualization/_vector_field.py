@@ -5,6 +5,7 @@ import numpy as np
 
 from .._errors import UnknownNameError
 from ..learning import Learning
+from ..learning._potential_choice import cosines
 from ._plane import Plane, demonstration_plane, field_on_plane, fields_at
 from ._style import BLACK, BLUE, GOAL, GREY, VERMILLION, Axes, Figure, label_axes, legend_below, new_figure
 
@@ -47,7 +48,7 @@ def vector_field_figure(learning: Learning, subtask: int = 0) -> Figure:
             field.u, field.v, flow[..., 0], flow[..., 1], color=GREY, linewidth=0.7, arrowsize=0.8, density=1.3
         )
         _demonstrations(axes, paths, learning.nominal[subtask])
-        cosine = mean_cosine(at, directions, positions)
+        cosine = cosines(at, directions, positions).mean()
         caption = f"{title}\nmean cosine to the demonstrated directions {cosine:.3f}"
         label_axes(axes, _axis_label(plane, 0), _axis_label(plane, 1), caption)
         axes.grid(False)
@@ -59,13 +60,6 @@ def vector_field_figure(learning: Learning, subtask: int = 0) -> Figure:
     figure.suptitle(f"{learning.skill.configuration.name}, {names[subtask]}: {share}", fontsize=12)
     legend_below(figure, panels[0])
     return figure
-
-
-def mean_cosine(field: np.ndarray, directions: np.ndarray, positions: np.ndarray) -> float:
-    """Mean cosine between `field` and `directions` [..., m] at all `positions` but those at the goal."""
-    away = np.linalg.norm(positions, axis=-1) > 1e-4
-    along = (field * directions).sum(-1)[away]
-    return float(np.mean(along / np.maximum(np.linalg.norm(field, axis=-1)[away], 1e-12)))
 
 
 def _demonstrations(axes: Axes, paths: np.ndarray, nominal: int) -> None:

@@ -81,7 +81,12 @@ class SignedDistanceGrid(Obstacles):
         last = [n - 1 for n in self.values.shape]
         inside = [jnp.where(u < 0, 0, jnp.where(u > n, n, u)) for u, n in zip(cells, last, strict=True)]
         beyond = length(*(spacing * (u - v) for u, v in zip(cells, inside, strict=True)))
-        return self._interpolated(inside).astype(dtype) + beyond
+        # By a weighted sum over the samples around, gathered at once.
+        values = jnp.asarray(self.values, dtype)
+        (i, wi), (j, wj), (k, wk) = (self._taps(u, n) for u, n in zip(inside, values.shape, strict=True))
+        around = values[i[..., :, None, None], j[..., None, :, None], k[..., None, None, :]]
+        plane = jnp.sum(around * wk[..., None, None, :], axis=-1)
+        return jnp.sum(jnp.sum(plane * wj[..., None, :], axis=-1) * wi, axis=-1).astype(dtype) + beyond
 
     def nearest_on_segment(self, a, b):
         """The field need not be convex: the least of 17 samples, narrowed down by golden section."""
@@ -105,14 +110,6 @@ class SignedDistanceGrid(Obstacles):
         inner = 0.5 * (low + high)
         ends = jnp.stack([field(jnp.zeros_like(inner)), field(jnp.ones_like(inner)), field(inner)])
         return jnp.where(ends[2] <= jnp.minimum(ends[0], ends[1]), inner, jnp.where(ends[1] < ends[0], 1, 0))
-
-    def _interpolated(self, cells):
-        """The value at fractional indices, by a weighted sum over the samples around, gathered at once."""
-        values = jnp.asarray(self.values, cells[0].dtype)
-        (i, wi), (j, wj), (k, wk) = (self._taps(u, n) for u, n in zip(cells, values.shape, strict=True))
-        around = values[i[..., :, None, None], j[..., None, :, None], k[..., None, None, :]]
-        plane = jnp.sum(around * wk[..., None, None, :], axis=-1)
-        return jnp.sum(jnp.sum(plane * wj[..., None, :], axis=-1) * wi, axis=-1)
 
     def _taps(self, u, n):
         """Indices [..., taps] of the samples around fractional index u of an axis of n samples, and their weights."""

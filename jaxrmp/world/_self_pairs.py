@@ -24,7 +24,9 @@ def self_pairs(
     **Returns** pairs (i, j), i < j, for `SelfDistances`. **Raises** `UnknownNameError` for a frame that is not there.
     """
     links = {name: link_of(robot, name) for name in frames}
-    touching = {frozenset(pair) for pair in _neighbours(robot)}
+    bodies = robot.model.bodies
+    roots = [_rigid_root(robot, b) for b in range(len(bodies))]
+    touching = {frozenset((root, roots[bodies[root].parent])) for root in roots if root > 0}  # one joint between them
     for name, others in (ignore or {}).items():
         for pair in ((name, other) for other in others):
             for frame in pair:
@@ -79,10 +81,3 @@ def _rigid_root(robot: Robot, body: int) -> int:
     while body > 0 and not any(model.joints[i].coordinate >= 0 for i in model.joints_of_body[body]):
         body = model.bodies[body].parent
     return body
-
-
-def _neighbours(robot: Robot) -> list[tuple[int, int]]:
-    """Links with one joint between them."""
-    bodies = robot.model.bodies
-    roots = [_rigid_root(robot, b) for b in range(len(bodies))]
-    return [(root, roots[bodies[root].parent]) for root in sorted(set(roots)) if root > 0]

@@ -34,6 +34,10 @@ class _Slot(NamedTuple):
     def size(self) -> int:
         return int(np.prod(self.shape))
 
+    def of(self, buffer: Any) -> Any:
+        """The argument in its buffer."""
+        return buffer[self.start : self.start + self.size].reshape(self.shape)
+
 
 class Compiled:
     """A compiled `function` of arguments with the shapes and types of `examples`; what `compiled` returns.
@@ -48,12 +52,12 @@ class Compiled:
     def __init__(self, function: Callable[..., Any], examples: tuple[Any, ...]):
         leaves, self._structure = jax.tree.flatten(examples)
         slots, self._buffers = _laid_out(leaves)
-        self._slots = [slot and (slot.shape, slot.dtype, self._place(slot)) for slot in slots]
+        self._slots = [slot and (slot.shape, slot.dtype, slot.of(self._buffers[slot.buffer])) for slot in slots]
         self._turn = threading.Lock()
 
         def unpacked(*given: jax.Array) -> Any:
             on_device = iter(given[len(self._buffers) :])
-            values = [next(on_device) if slot is None else _unpacked(given[slot.buffer], slot) for slot in slots]
+            values = [slot.of(given[slot.buffer]).astype(slot.dtype) if slot else next(on_device) for slot in slots]
             return function(*jax.tree.unflatten(self._structure, values))
 
         on_device = [leaf for leaf, slot in zip(leaves, slots, strict=True) if slot is None]
@@ -72,14 +76,16 @@ class Compiled:
                     continue
                 shape, dtype, place = slot
                 if type(leaf) is not np.ndarray or leaf.dtype is not dtype or leaf.shape != shape:
-                    leaf = _fitting(leaf, shape, dtype)
+                    leaf = np.asarray(leaf)
+                    if leaf.shape != shape or not np.can_cast(leaf.dtype, dtype, "same_kind"):
+                        raise ShapeError(
+                            f"an argument has shape {leaf.shape} and type {leaf.dtype}; this was compiled for {shape} "
+                            f"and {dtype}."
+                        )
                 place[...] = leaf
             found = self._program(*self._buffers, *on_device)
             # Waits for the result: only then may the next arguments be written over these.
             return np.asarray(found) if isinstance(found, jax.Array) else jax.tree.map(np.asarray, found)
-
-    def _place(self, slot: _Slot) -> np.ndarray:
-        return self._buffers[slot.buffer][slot.start : slot.start + slot.size].reshape(slot.shape)
 
 
 def compiled(function: Callable[..., Any], *examples: Any) -> Compiled:
@@ -131,19 +137,6 @@ def _type_of(leaf: Any) -> np.dtype:
     if np.dtype(dtype).kind not in "biufc":
         raise TypeError(f"an example holds {leaf!r}, of type {type(leaf).__name__}: expected arrays and numbers.")
     return np.dtype(jax.dtypes.canonicalize_dtype(dtype))
-
-
-def _unpacked(buffer: jax.Array, slot: _Slot) -> jax.Array:
-    return buffer[slot.start : slot.start + slot.size].reshape(slot.shape).astype(slot.dtype)
-
-
-def _fitting(leaf: Any, shape: tuple[int, ...], dtype: np.dtype) -> np.ndarray:
-    array = np.asarray(leaf)
-    if array.shape != shape or not np.can_cast(array.dtype, dtype, "same_kind"):
-        raise ShapeError(
-            f"an argument has shape {array.shape} and type {array.dtype}; this was compiled for {shape} and {dtype}."
-        )
-    return array
 
 
 def _compiled(function: Callable[..., Any], *arguments: Any) -> tuple[Callable[..., Any], str]:

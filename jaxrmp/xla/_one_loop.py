@@ -119,20 +119,17 @@ def as_it_stands(jaxpr: ClosedJaxpr, *values: Any) -> list[Any]:
 def _mapped(*values, jaxpr, levels, within, call=as_it_stands, **_):
     """The function by `jax.vmap`."""
     function = functools.partial(call, jaxpr)
-    for n, level in enumerate(levels):
-        function = _over(function, level.places, is_batch=n >= within)
+    for level in levels[:within]:
+        function = jax.vmap(function, in_axes=level.places, out_axes=-1)
+    for level in levels[within:]:
+        function = functools.partial(_over_first, function, level.places)
     return function(*values)
 
 
-def _over(function, places, is_batch):
-    if not is_batch:
-        return jax.vmap(function, in_axes=places, out_axes=-1)
-
-    def mapped(*values):  # over the first axis: arrays are fastest if a state's entries are next to each other
-        first = [v if k is None else jnp.moveaxis(v, k, 0) for v, k in zip(values, places, strict=True)]
-        return jax.vmap(function, in_axes=[None if k is None else 0 for k in places], out_axes=-1)(*first)
-
-    return mapped
+def _over_first(function, places, *values):
+    """Over the first axis: arrays are fastest if a state's entries are next to each other."""
+    first = [v if k is None else jnp.moveaxis(v, k, 0) for v, k in zip(values, places, strict=True)]
+    return jax.vmap(function, in_axes=[None if k is None else 0 for k in places], out_axes=-1)(*first)
 
 
 def one_by_one(jaxpr: ClosedJaxpr, *values: Any) -> list[Any]:

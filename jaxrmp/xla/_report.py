@@ -43,30 +43,17 @@ def report(function: Any, *examples: Any, batch: int, in_axes: int | Sequence[An
     [('Damping.evaluate', True)]
     """
     axes = in_axes if isinstance(in_axes, Sequence) else (in_axes,) * len(examples)
-    many = [example if k is None else _many(example, k, batch) for example, k in zip(examples, axes, strict=True)]
-    with machinery(True):
-        closed = jax.make_jaxpr(jax.vmap(function, in_axes=tuple(axes)))(*many)
-        return list(_parts(closed.jaxpr))
 
-
-def _many(example: Any, axis: int, batch: int) -> Any:
-    def one(x):
+    def widened(x: Any, axis: int) -> jax.ShapeDtypeStruct:
         shape = list(np.shape(x))
         shape.insert(axis, batch)
         return jax.ShapeDtypeStruct(tuple(shape), jax.dtypes.canonicalize_dtype(getattr(x, "dtype", np.result_type(x))))
 
-    return jax.tree.map(one, example)
-
-
-def _in_c(parameters: dict[str, Any]) -> Part:
-    places = parameters["places"]
-    if places is None:
-        return Part(parameters["name"], False, 0, "a single state")
-    try:
-        program = c_program(parameters["jaxpr"], tuple(place is not None for place in places))
-    except NotScalar as error:
-        return Part(parameters["name"], False, 0, str(error))
-    return Part(parameters["name"], True, program.operations, "")
+    pairs = zip(examples, axes, strict=True)
+    many = [example if k is None else jax.tree.map(lambda x, k=k: widened(x, k), example) for example, k in pairs]
+    with machinery(True):
+        closed = jax.make_jaxpr(jax.vmap(function, in_axes=tuple(axes)))(*many)
+        return list(_parts(closed.jaxpr))
 
 
 def _parts(jaxpr: Jaxpr) -> Iterator[Part]:
@@ -78,10 +65,15 @@ def _parts(jaxpr: Jaxpr) -> Iterator[Part]:
             yield Part(parameters["name"], plan.program is not None, operations, plan.reason)
             continue
         if equation.primitive is in_lanes_p:
-            part = _in_c(parameters)
-            yield part
-            if part.taken_apart:  # as a whole
-                continue
+            places, reason = parameters["places"], "a single state"
+            if places is not None:
+                try:
+                    program = c_program(parameters["jaxpr"], tuple(place is not None for place in places))
+                    yield Part(parameters["name"], True, program.operations, "")
+                    continue  # as a whole
+                except NotScalar as error:
+                    reason = str(error)
+            yield Part(parameters["name"], False, 0, reason)
             mapped = functools.partial(in_lanes_p.impl, **parameters)
             yield from _parts(jax.make_jaxpr(mapped)(*(v.aval for v in equation.invars)).jaxpr)
         else:

@@ -27,19 +27,8 @@ REDUCTIONS = {
     "reduce_or": jax.lax.or_p,
 }
 _KNOWN: dict[str, Callable] = {
-    "add": operator.add,
-    "mul": operator.mul,
-    "sub": operator.sub,
-    "neg": operator.neg,
-    "eq": operator.eq,
-    "ne": operator.ne,
-    "lt": operator.lt,
-    "le": operator.le,
-    "gt": operator.gt,
-    "ge": operator.ge,
-    "and": np.bitwise_and,
-    "or": np.bitwise_or,
-    "not": np.invert,
+    **{name: getattr(operator, name) for name in ("add", "mul", "sub", "neg", "eq", "ne", "lt", "le", "gt", "ge")},
+    **{"and": np.bitwise_and, "or": np.bitwise_or, "not": np.invert},
 }
 Number = np.generic
 
@@ -341,12 +330,6 @@ def _broadcast(parameters, x):
     return [np.broadcast_to(x.reshape(sizes), shape)]
 
 
-def _slice(parameters, x):
-    starts, limits = parameters["start_indices"], parameters["limit_indices"]
-    strides = parameters["strides"] or (1,) * x.ndim
-    return [x[tuple(slice(*s) for s in zip(starts, limits, strides, strict=True))]]
-
-
 def _pad(parameters, x, value):
     widths = [(low, high) for low, high, _ in parameters["padding_config"]]
     if np.min(parameters["padding_config"], initial=0) < 0 or any(inner for *_, inner in parameters["padding_config"]):
@@ -373,7 +356,7 @@ MOVES: dict[str, Callable[..., list[np.ndarray]]] = {
     "pad": _pad,
     "reshape": lambda p, x: [x.reshape(p["new_sizes"])],
     "rev": lambda p, x: [np.flip(x, p["dimensions"])],
-    "slice": _slice,
+    "slice": lambda p, x: [x[tuple(map(slice, p["start_indices"], p["limit_indices"], p["strides"] or [1] * x.ndim))]],
     "split": lambda p, x: np.split(x, np.cumsum(p["sizes"])[:-1], axis=p["axis"]),
     "squeeze": lambda p, x: [x.squeeze(p["dimensions"])],
     "stack": lambda p, *arrays: [np.stack(arrays, axis=p["axis"])],

@@ -8,18 +8,10 @@ import jax
 
 from .._errors import UnknownNameError
 
-_VARIABLE, _NAMES = "JAXRMP_XLA", ("on", "off")
-
-
-def _from_environment() -> bool:
-    given = os.environ.get(_VARIABLE, "on")
-    if given not in _NAMES:
-        raise UnknownNameError(f"value of the environment variable {_VARIABLE}", given, _NAMES)
-    return given == "on"
-
-
+_given = os.environ.get("JAXRMP_XLA", "on")
+UnknownNameError.check("value of the environment variable JAXRMP_XLA", _given, ("on", "off"))
 # JAX keeps what it traces and compiles apart by the value of such a context.
-_on: Any = jax.make_user_context(_from_environment())
+_on: Any = jax.make_user_context(_given == "on")
 
 
 def machinery(on: bool) -> AbstractContextManager[None]:

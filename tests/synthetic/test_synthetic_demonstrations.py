@@ -96,7 +96,7 @@ def test_an_unknown_task_and_too_few_are_refused():
 def test_minimum_jerk_rests_at_both_ends():
     s = minimum_jerk(np.array([-1.0, 0.0, 0.5, 1.0, 2.0]))
     np.testing.assert_allclose(s, [0.0, 0.0, 0.5, 1.0, 1.0])
-    motion = through(np.eye(3), Rotation.identity(3), speed=0.5, overlap=0.3, wobble=np.ones((2, 6)))
+    motion = through(np.eye(3), [Rotation.identity()] * 3, speed=0.5, overlap=0.3, rng=np.random.default_rng(0))
     position, rotation = motion(np.array([0.0, motion.duration]))
     np.testing.assert_allclose(position, np.eye(3)[[0, 2]], atol=1e-12)
     np.testing.assert_allclose(rotation.magnitude(), 0.0, atol=1e-12)

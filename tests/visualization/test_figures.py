@@ -23,7 +23,7 @@ from jaxrmp.learning import (
     subtask_trajectories,
 )
 from jaxrmp.learning._metric_training import MetricFit
-from jaxrmp.learning._potential_choice import WidthTrial
+from jaxrmp.learning._potential_choice import WidthTrial, cosines
 from jaxrmp.leaves import Damping, Learned, NominalPotential
 from jaxrmp.simulation import Rollout
 from jaxrmp.visualization import (
@@ -41,7 +41,6 @@ from jaxrmp.visualization._energy import relative_energy
 from jaxrmp.visualization._plane import fields_at
 from jaxrmp.visualization._space import view_angles
 from jaxrmp.visualization._triangles import outlines
-from jaxrmp.visualization._vector_field import mean_cosine
 
 NAMES = ("tip", "left/side")
 WIDTHS = (0.03, 0.05, 0.08)
@@ -175,13 +174,13 @@ def test_fields_follow_the_demonstrations(learning):
             assert field.descent[0, 0] @ way > 0 and field.warped[0, 0] @ way > 0
         _, descent, warped = fields_at(learned, subtasks.positions[k])
         for field in (descent, warped):
-            assert mean_cosine(field, subtasks.directions[k], subtasks.positions[k]) > 0.5
-            assert mean_cosine(-field, subtasks.directions[k], subtasks.positions[k]) < -0.5
+            assert cosines(field, subtasks.directions[k], subtasks.positions[k]).mean() > 0.5
+            assert cosines(-field, subtasks.directions[k], subtasks.positions[k]).mean() < -0.5
 
 
-def test_mean_cosine_leaves_out_the_goal():
+def test_cosines_leave_out_the_goal():
     x = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
-    assert mean_cosine(np.array([[9.0, 9.0], [2.0, 0.0], [3.0, 0.0]]), x + [[1, 0], [0, 0], [0, 0]], x) == 0.5
+    assert cosines(np.array([[9.0, 9.0], [2.0, 0.0], [3.0, 0.0]]), x + [[1, 0], [0, 0], [0, 0]], x).mean() == 0.5
 
 
 def test_vector_field_figure(learning):

@@ -33,9 +33,7 @@ class CSpaceTarget(SeparableLeaf):
     robust_position_term_thresh: Positive[jax.Array | float] = 0.5
     name: str = static(default="cspace_target")
     certified = False
-
-    def gap(self, x):
-        return length(x - jnp.asarray(self.target, x.dtype))
+    _place = "target"
 
     def evaluate(self, x, xd):
         offset = jnp.asarray(self.target, x.dtype) - x

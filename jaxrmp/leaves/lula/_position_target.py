@@ -44,9 +44,7 @@ class PositionTarget(Leaf):
     name: str = static(default="position_target")
     has_goal = True
     certified = False
-
-    def gap(self, x):
-        return length(x - jnp.asarray(self.target, x.dtype))
+    _place = "target"
 
     def __call__(self, x, xd):
         delta = jnp.asarray(self.target, x.dtype) - x
