@@ -15,6 +15,7 @@ import jax
 import numpy as np
 from jax.extend.core import ClosedJaxpr
 
+from ._c_gather import gathered
 from ._c_nodes import BITS, INDEX, Node, Source
 from ._c_text import written
 from ._scalar_program import ELEMENTWISE, REDUCTIONS, Builder, NotScalar, Operation, coordinate_program
@@ -24,7 +25,10 @@ _SMALL = 16  # entries of an array that is taken apart, and operations of a prod
 _FLAT_MOST = 3000
 _MOST_SINGLE = 20000  # statements: compilers take more than proportionally long
 _MOST_KNOWN, _MOST_WRITTEN = 65536, 1024  # numbers of a constant whose values are looked at, and that are written out
-_OF_NUMBERS = frozenset(("add", "add_any", "sub", "mul", "neg", "max", "min", "reduce_max", "reduce_min", "reduce_sum"))
+# Truth is all bits set or none, whose order is not that of numbers.
+_OF_NUMBERS = frozenset(
+    "add add_any sub mul neg max min reduce_max reduce_min reduce_sum lt le gt ge clamp sign abs".split()  # noqa: SIM905
+)
 _OF_NOTHING = {
     "reduce_sum": 0,
     "reduce_max": -np.inf,
@@ -44,10 +48,14 @@ class CProgram(NamedTuple):
 
 
 class _Program(Builder):
-    """Takes a function apart; a place is a number, negative for a number that is known."""
+    """Takes a function apart; a place is a number, negative for a number that is known.
 
-    def __init__(self):
+    `real`, the type of its numbers; whole numbers have the same size.
+    """
+
+    def __init__(self, real: np.dtype):
         super().__init__()
+        self.real, self.whole_number = real, np.dtype(f"i{real.itemsize}")
         self.sources: list[Source] = []
         self.nodes: list[Node] = []
         self.constants: list[np.ndarray] = []
@@ -140,13 +148,18 @@ class _Program(Builder):
         if name == "in_lanes" and parameters["places"] is None:
             return self.run(parameters["jaxpr"].jaxpr, [self.numbers(c) for c in parameters["jaxpr"].consts], operands)
         if name == "gather":
-            return [self._gathered(parameters, *operands)]
+            if (operands[1] >= 0).any():
+                raise NotScalar("holds `gather` by indices that are computed")
+            starts = np.array([self.known(p) for p in operands[1].reshape(-1)], dtype=int).reshape(operands[1].shape)
+            return [gathered(parameters, operands[0], starts)]
         if name == "unstack":
             return list(np.moveaxis(operands[0], parameters["axis"], 0))
         types = [v.aval.dtype for v in (*equation.invars, *equation.outvars)]
+        if odd := {str(t) for t in types if t not in (self.real, self.whole_number, np.dtype(bool))}:
+            raise NotScalar(f"holds `{name}` of {', '.join(sorted(odd))} among numbers of type {self.real}")
         if name == "convert_element_type":
             return [self._converted(equation.primitive, operands[0], *types)]
-        truth = [t.kind == "b" for t in types]
+        truth = [v.aval.dtype.kind == "b" for v in equation.invars]
         if (name in _OF_NUMBERS and any(truth)) or (name == "select_n" and (not truth[0] or len(operands) != 3)):
             raise NotScalar(f"holds `{name}` of {', '.join(map(str, types))}")
         return super()._equation(equation, operands)
@@ -204,6 +217,8 @@ class _Program(Builder):
             found = [self._one(primitive, parameters, x, dtype) for x in _rows(spread)]
             return self._entries(found, shape)
         name = primitive.name
+        if name == "integer_pow" and dict(parameters)["y"] == 0:
+            return np.full(shape, self._one(primitive, parameters, (), dtype))
         if name in ("mul", "add", "add_any", "sub") and (plain := self._plain(name, spread)) is not None:
             return plain
         if name == "square" or (name == "integer_pow" and dict(parameters)["y"] == 2):
@@ -226,6 +241,8 @@ class _Program(Builder):
         return None
 
     def _one(self, primitive, parameters, places, dtype) -> int:
+        if primitive.name == "integer_pow" and dict(parameters)["y"] == 0:
+            return self.number(np.dtype(dtype).type(1))
         operands = tuple(int(p) if p >= 0 else self.known(int(p)) for p in places)
         found = self.operation(primitive, parameters, operands, dtype)
         return found if isinstance(found, int) else self.number(found)
@@ -318,8 +335,10 @@ class _Program(Builder):
 
     def _reduced(self, name, axes, a, shape, dtype):
         rest = [i for i in range(a.ndim) if i not in axes]
-        rows = a.transpose([*rest, *axes]).reshape(math.prod(shape), -1)
+        rows = a.transpose([*rest, *axes]).reshape(math.prod(shape), math.prod(a.shape[i] for i in axes))
         if not rows.shape[1]:
+            if np.dtype(dtype).kind == "i" and name != "reduce_sum":
+                raise NotScalar(f"`{name}` of nothing")
             return np.broadcast_to(self.numbers(_OF_NOTHING[name], dtype), shape)
         if rows.size <= _SMALL or self._whole:
             primitive = REDUCTIONS[name]
@@ -327,34 +346,11 @@ class _Program(Builder):
             return self._entries([folded([int(p) for p in row]) for row in rows], shape)
         return self._array("reduce", (("by", name),), (rows,), rows.shape, dtype, len(rows)).reshape(shape)
 
-    def _gathered(self, parameters, operand, indices):
-        numbers, sizes = parameters["dimension_numbers"], parameters["slice_sizes"]
-        if (indices >= 0).any() or numbers.operand_batching_dims:
-            raise NotScalar("holds `gather` by indices that are computed")
-        starts = np.array([self.known(p) for p in indices.reshape(-1)]).reshape(indices.shape)
-        places = starts.reshape(-1, starts.shape[-1])
-        found = []
-        for start in places:
-            window = [slice(None)] * operand.ndim
-            for axis, at in zip(numbers.start_index_map, start, strict=True):
-                if not 0 <= at <= operand.shape[axis] - sizes[axis]:
-                    raise NotScalar("holds `gather` beyond its array")
-                window[axis] = slice(int(at), int(at) + sizes[axis])
-            for axis, size in enumerate(sizes):
-                if axis not in numbers.start_index_map:
-                    window[axis] = slice(0, size)
-            found.append(operand[tuple(window)].squeeze(axis=numbers.collapsed_slice_dims))
-        stacked = np.stack(found).reshape(*starts.shape[:-1], *found[0].shape)
-        first, ndim = starts.ndim - 1, stacked.ndim
-        order, own = [], iter(range(first, ndim))
-        batch = iter(range(first))
-        for k in range(ndim):
-            order.append(next(own) if k in numbers.offset_dims else next(batch))
-        return stacked.transpose(order)
-
 
 def _kind(dtype) -> str:
-    return _KINDS[np.dtype(dtype).kind]
+    if (kind := np.dtype(dtype).kind) not in _KINDS:
+        raise NotScalar(f"holds numbers of type {dtype}")
+    return _KINDS[kind]
 
 
 def _constant(places: np.ndarray) -> bool:
@@ -368,7 +364,7 @@ def _rows(spread):
 def _supported(name: str, dtype: Any) -> str:
     if name not in ELEMENTWISE:
         raise NotScalar(f"holds `{name}`")
-    if name in ("div", "rem", "pow", "integer_pow") and np.dtype(dtype).kind != "f":
+    if name in ("div", "rem", "pow", "integer_pow", "sign") and np.dtype(dtype).kind != "f":
         raise NotScalar(f"holds `{name}` of whole numbers")
     return name
 
@@ -384,9 +380,9 @@ def c_program(closed: ClosedJaxpr, mapped: Sequence[bool], name: str = "program"
     kinds = {a.dtype for a in values if a.dtype.kind == "f"}
     if len(kinds) != 1 or (real := next(iter(kinds))) not in (np.float32, np.float64):
         raise NotScalar(f"numbers of type {', '.join(sorted(map(str, kinds))) or 'int alone'}")
-    if odd := {str(a.dtype) for a in values if a.dtype.kind not in "bif" or a.dtype.itemsize > real.itemsize}:
+    if odd := {str(a.dtype) for a in values if not isinstance(a.dtype, np.dtype) or a.dtype.kind not in "bif"}:
         raise NotScalar(f"arrays of type {', '.join(sorted(odd))}")
-    program = _Program()
+    program = _Program(np.dtype(real))
     arguments = []
     for k, a in enumerate(closed.in_avals):
         arguments.append(program.whole(program.source(not mapped[k], _kind(a.dtype), a.size, k), a.shape))

@@ -332,8 +332,6 @@ class _Writer:
         out = self.sources[node.out]
         name, settings = node.op, node.settings
         suffix = {"R": "r", "N": "n", "V": "v", "VI": "vi"}[self.type(out)]
-        if name == "div" and not out.shared and self.program.is_shared(node.places[1]):
-            return f"{x[0]} * {x[1].replace('ALL(', 'ALL(1 / ', 1)}"
         if name in _SIGNS:
             return f"{x[0]} {_SIGNS[name]} {x[1]}"
         if name in _COMPARISONS:
@@ -362,10 +360,12 @@ class _Writer:
         if new == "b":
             return f"-({x} != 0)" if shared else f"({x} != 0)"
         x = f"-{x}" if old == "b" else x
+        if old == "f":
+            return f"whole_{'r' if shared else 'v'}({x})"
         if shared:
             return f"({'R' if new == 'f' else 'N'})({x})"
-        if "f" in (old, new):
-            return f"__builtin_convertvector({x}, {'V' if new == 'f' else 'VI'})"
+        if new == "f":
+            return f"__builtin_convertvector({x}, V)"
         return x
 
 
@@ -383,4 +383,4 @@ def _c_type(dtype: Any) -> str:
     dtype = np.dtype(dtype)
     if dtype.kind == "f":
         return "float" if dtype.itemsize == 4 else "double"
-    return "uint8_t" if dtype.kind == "b" else f"int{8 * dtype.itemsize}_t"
+    return "uint8_t" if dtype.kind == "b" else f"{'u' * (dtype.kind == 'u')}int{8 * dtype.itemsize}_t"

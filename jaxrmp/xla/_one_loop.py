@@ -82,6 +82,8 @@ def bound(primitive: Primitive, function: Callable, arguments: Sequence[Any], **
     values = [leaves[k] for k in moving]
     # As one jitted whole, it need not be traced again when it is lowered.
     closed, values = _arguments_of_tracers(jax.make_jaxpr(jax.jit(of_moving))(*values), values)
+    if closed.effects:  # of a named axis, or to be seen: not of arithmetic
+        return function(*arguments)
     found = iter(primitive.bind(*values, jaxpr=closed, name=_name_of(function, arguments), **parameters))
     *results, shape = results  # numbers stay numbers, for what comes after to make use of
     return jax.tree.unflatten(shape, [next(found) if isinstance(r, jax.Array) else r for r in results])

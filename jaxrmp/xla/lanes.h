@@ -6,7 +6,6 @@
 #include <math.h>
 #include <stdint.h>
 #include <stdlib.h>
-#include <string.h>
 
 #define LANES (32 / WIDTH)
 #if WIDTH == 4
@@ -48,6 +47,20 @@ INLINE R sign_r(R a) { return a > 0 ? 1 : a < 0 ? -1 : a; }
 INLINE V sign_v(V a) { return select_v(a > 0, ALL((R)1), select_v(a < 0, ALL((R)-1), a)); }
 INLINE N is_finite_r(R a) { return -(a - a == 0); }
 INLINE VI is_finite_v(V a) { return a - a == 0; }
+
+/* Whole numbers, as in JAX: none for what is no number, and the last one for what is beyond it. */
+#if WIDTH == 4
+#define LAST INT32_MAX
+#else
+#define LAST INT64_MAX
+#endif
+INLINE N whole_r(R a) { return a != a ? 0 : a >= (R)LAST ? LAST : a <= -(R)LAST ? -LAST - 1 : (N)a; }
+INLINE VI whole_v(V a) {
+    VI in_range = (a < ALL((R)LAST)) & (a > ALL(-(R)LAST));
+    VI found = __builtin_convertvector(select_v(in_range, a, ALL((R)0)), VI);
+    VI beyond = select_vi(a > 0, ALL_N((N)LAST), select_vi(a < 0, ALL_N((N)(-LAST - 1)), ALL_N((N)0)));
+    return select_vi(in_range, found, beyond);
+}
 
 /* Lane by lane where the processor or the C library has nothing better. */
 #define EACH(name, of)                                                                                                 \

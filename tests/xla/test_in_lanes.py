@@ -47,6 +47,8 @@ LARGE = {
     "mixed sources": lambda x: jnp.stack([x[:20] + 1, x[20:40] * 2, x[30:50]]) ** 2,
     "views of what is made": lambda x: (lambda y: y[::-1] * y + y.reshape(5, 15).T.reshape(-1))(jnp.sin(x)),
     "not used": lambda x: (x[:2], jnp.zeros(3)),
+    "no numbers at all": lambda x: (jnp.sum(x[:0]), jnp.max(x.reshape(5, 15)[:, :0], axis=1, initial=-1.0), x**0),
+    "beyond whole numbers": lambda x: (x * 3e9).astype(jnp.int32),
     "clipped": lambda x: jnp.clip(x, -0.5, 0.5) + jnp.round(x) + jnp.sign(x),
 }
 
@@ -90,7 +92,7 @@ def test_exponential_logarithm_and_hyperbolic_tangent_to_the_last_digits():
 
 def test_what_is_not_finite_stays_in_its_state():
     x = np.ones((20, 40), np.float32)
-    x[7, 1], x[9, 0] = np.nan, np.inf
+    x[7, 1], x[9, 0], x[11, 2] = np.nan, np.inf, 3e9
     found, expected = both(lambda x: (x * 2, jnp.max(x), jnp.sum(x), jnp.isfinite(x), jnp.maximum(x, 0)), x)
     for a, b in zip(found, expected, strict=True):
         np.testing.assert_array_equal(a, b)
@@ -111,6 +113,9 @@ def test_slopes_are_those_of_jax():
         (lambda x: jnp.round(x).astype(jnp.int32) // 3, "whole numbers"),
         (lambda x: jax.lax.fori_loop(0, 3, lambda _, x: x * 0.9, x), "holds `"),
         (lambda x: x[jnp.argmax(x)], "holds `argmax`"),
+        (lambda x: ((x > 0) < (x > 1)) * x, "`lt` of bool"),
+        (lambda x: (x * 100).astype(jnp.int8).astype(jnp.float32), "int8"),
+        (lambda x: (x.astype(jnp.int32).astype(jnp.uint32) > 5) * x, "uint32"),
     ],
 )
 def test_what_cannot_be_written_is_mapped_and_says_why(function, reason, caplog):
@@ -141,6 +146,22 @@ def test_programs_are_kept(fresh):
         jax.jit(jax.vmap(in_lanes(lambda x: x * 3 + 1)))(x)
     (kept,) = fresh.iterdir()
     assert kept.suffix == ".so"
+
+
+def test_a_program_that_was_written_by_half_is_compiled_again(fresh):
+    fresh.mkdir()
+    x = RNG.normal(size=(9, 5)).astype(np.float32)
+    program = _lanes.c_program(jax.make_jaxpr(jax.jit(lambda x: [x * 7 + 1]))(x[0]), (True,))
+    library = _lanes._compiled(program.text)
+    library.write_bytes(b"")
+    np.testing.assert_allclose(jax.jit(jax.vmap(in_lanes(lambda x: x * 7 + 1)))(x), x * 7 + 1, rtol=1e-6)
+    assert library.stat().st_size
+
+
+def test_named_axes_are_left_to_jax():
+    x = RNG.normal(size=(9, 5)).astype(np.float32)
+    found = jax.vmap(in_lanes(lambda x: x - jax.lax.pmean(x, "i")), axis_name="i")(x)
+    np.testing.assert_allclose(found, x - x.mean(axis=0), atol=1e-6)
 
 
 @pytest.mark.parametrize("compiler", ["", "false"])
