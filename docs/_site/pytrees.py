@@ -24,7 +24,7 @@ class Pytrees(griffe.Extension):
         ]
         cls.set_member("__init__", griffe.Function("__init__", parameters=griffe.Parameters(*arguments), parent=cls))
         for field in fields:
-            cls.del_member(field.name)
+            cls.members.pop(field.name, None)  # not of a base that is told of by itself
 
 
 def _default(value: Any) -> Any:
