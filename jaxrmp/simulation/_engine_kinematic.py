@@ -72,11 +72,11 @@ def _advance(
 ):
     def of_one(problem, criteria, dt, state):
         def step(state, _):
-            return stepped(problem, criteria, dt, state), None
+            return _stepped(problem, criteria, dt, state), None
 
         def look(state, _):
             state, _ = jax.lax.scan(step, state, length=every)
-            clearance = jnp.minimum(state.track.clearance, in_lanes(Problem.clearance)(problem, state.q))
+            clearance = jnp.minimum(state.track.clearance, problem.clearance(state.q))
             return state._replace(track=state.track._replace(clearance=clearance)), None
 
         return jax.lax.scan(look, state, length=chunk // every)[0]
@@ -85,7 +85,7 @@ def _advance(
 
 
 @in_lanes
-def stepped(problem: Problem, criteria: StopCriteria, dt: jax.Array, state: KinematicState) -> KinematicState:
+def _stepped(problem: Problem, criteria: StopCriteria, dt: jax.Array, state: KinematicState) -> KinematicState:
     """One start a step on, unless it has ended."""
     q, rest, qd, track = state
     asked = command(problem.tree, q, qd)

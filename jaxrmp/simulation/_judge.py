@@ -77,6 +77,7 @@ class Problem:
         """Whether a state `q, qd` counts as at the goal, by `criteria`."""
         return (self.goal_error(q) < criteria.tolerance) & (jnp.max(jnp.abs(qd)) < criteria.settled)
 
+    @in_lanes
     def clearance(self, q: jax.Array) -> jax.Array:
         """The least of all distances at `q` [n], m; infinite where none is watched."""
         least = jnp.full((), jnp.inf, q.dtype)
@@ -88,7 +89,7 @@ class Problem:
 @jax.jit
 def clearances(problem: Problem, q: jax.Array) -> jax.Array:
     """`Problem.clearance` at configurations `q` [B, n], [B]."""
-    return jax.vmap(in_lanes(Problem.clearance), in_axes=(None, 0))(problem, jnp.asarray(q, jnp.float32))
+    return jax.vmap(problem.clearance)(jnp.asarray(q, jnp.float32))
 
 
 class Track(NamedTuple):
