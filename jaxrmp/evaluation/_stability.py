@@ -13,7 +13,6 @@ from .._linalg import cholesky_solve
 from ..learning._basin import cluster
 from ..leaves import Learned
 from ..simulation import Problem
-from ..xla import in_lanes
 
 _STEPS = 300  # of the search for stationary points
 _TOGETHER = 0.005  # m, within which two stationary points are one
@@ -109,7 +108,6 @@ class CertificateWatch:
 
 @jax.jit
 @partial(jax.vmap, in_axes=(None, 0, 0))
-@in_lanes
 def _certificates(tree, q, qd):
     found = certificate(tree, q, qd)
     return found.residual, found.dV_dt / (1 + jnp.abs(found.energy))

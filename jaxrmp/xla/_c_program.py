@@ -16,7 +16,7 @@ import numpy as np
 from jax.extend.core import ClosedJaxpr
 
 from ._c_gather import gathered
-from ._c_nodes import BITS, INDEX, Node, Source
+from ._c_nodes import BITS, INDEX, Node, Source, sources_of
 from ._c_text import written
 from ._scalar_program import ELEMENTWISE, REDUCTIONS, Builder, NotScalar, Operation, coordinate_program
 
@@ -117,8 +117,7 @@ class _Program(Builder):
         return self._tables[key].reshape(places.shape)
 
     def is_shared(self, *places: np.ndarray) -> bool:
-        used = {int(s) for p in places for s in np.unique(p[p >= 0] >> BITS)}
-        return all(self.sources[s].shared for s in used)
+        return all(self.sources[s].shared for p in places for s in sources_of(p))
 
     # What Builder asks for
 
@@ -155,6 +154,9 @@ class _Program(Builder):
         if name == "unstack":
             return list(np.moveaxis(operands[0], parameters["axis"], 0))
         types = [v.aval.dtype for v in (*equation.invars, *equation.outvars)]
+        if name == "convert_element_type" and (operands[0] < 0).all():
+            known = [self.known(p) for p in operands[0].reshape(-1)]
+            return [self.numbers(known, types[1]).reshape(operands[0].shape)]
         if odd := {str(t) for t in types if t not in (self.real, self.whole_number, np.dtype(bool))}:
             raise NotScalar(f"holds `{name}` of {', '.join(sorted(odd))} among numbers of type {self.real}")
         if name == "convert_element_type":
@@ -165,19 +167,15 @@ class _Program(Builder):
         return super()._equation(equation, operands)
 
     def _converted(self, primitive, places, old, new) -> np.ndarray:
-        if old == new or (old.kind in "iu" and new.kind in "iu"):
+        if old == new:
             return places
-        if (places < 0).all():
-            return self.numbers([self.known(p) for p in places.reshape(-1)], new).reshape(places.shape)
-        if "f" == old.kind == new.kind:
-            raise NotScalar(f"numbers of type {old} and {new}")
         # Only kinds matter: there is one type of each in a program.
         return self._each(primitive, (("new", new.kind), ("old", old.kind)), (places,), places.shape, new)
 
     def _of_a_loop(self, closed: ClosedJaxpr, operands) -> list[np.ndarray]:
         """As scalars if they are few, shared and simplified; else as it stands."""
         try:
-            if coordinate_program(closed)[1] >= _LEAST and not self._whole:
+            if not self._whole and coordinate_program(closed)[1] >= _LEAST:
                 return self._by_coordinates(closed, operands)
         except NotScalar:
             pass

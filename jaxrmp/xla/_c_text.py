@@ -42,10 +42,10 @@ class _Writer:
     def file(self, dtypes, results, name) -> str:
         shared = [n for n in self.nodes if self.sources[n.out].shared]
         mapped = [n for n in self.nodes if not self.sources[n.out].shared]
-        loads = self.loads(results)
+        kept = {s for places, _ in results for s in sources_of(places)}
+        loads = self.loads(kept)
         shared_groups, groups = grouped(shared), grouped(mapped)
         shared_size = self.lay_out_shared(dtypes)
-        kept = {int(p) >> BITS for places, _ in results for p in places.reshape(-1) if p >= 0}
         offsets, size = laid_out(self.sources, [*loads, *groups], kept)
         self.offsets |= offsets
         once = [line for k in range(len(dtypes)) for line in self.shared_load(k, dtypes[k])]
@@ -171,10 +171,9 @@ class _Writer:
 
     # Code
 
-    def loads(self, results):
+    def loads(self, kept):
         """Arguments that each state has its own of, as nodes without operands."""
-        used = {s for node in self.nodes for s in used_by(node)}
-        used |= {int(p) >> BITS for places, _ in results for p in places.reshape(-1) if p >= 0}
+        used = kept.union(*map(used_by, self.nodes))
         return [
             [Node(s, "load", None, (), ())]
             for s, source in enumerate(self.sources)

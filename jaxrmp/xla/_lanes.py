@@ -24,11 +24,11 @@ from jax.core import Tracer
 from jax.extend.core import ClosedJaxpr, Primitive
 from jax.interpreters import ad, batching, mlir
 
-from ._c_program import c_program
+from ._c_program import CProgram, c_program
 from ._one_loop import as_it_stands, bound, one_by_one
 from ._plan import logger
 from ._scalar_program import NotScalar
-from ._switch import is_on, may_call_c
+from ._switch import may_call_c
 
 in_lanes_p = Primitive("in_lanes")
 in_lanes_p.multiple_results = True
@@ -40,11 +40,10 @@ _FEWEST = 4  # states from which on lanes are worth it
 
 
 class Native(NamedTuple):
-    """`target`, a foreign function's name, or None for a `reason`; `constants`, its arguments behind the others."""
+    """`target`, a foreign function's name; `constants`, its arguments behind the function's own."""
 
-    target: str | None
-    reason: str
-    constants: tuple[np.ndarray, ...] = ()
+    target: str
+    constants: tuple[np.ndarray, ...]
 
 
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -103,9 +102,9 @@ def _push(primals, tangents, **parameters):
 
 def _lower_on_cpu(context, *values, jaxpr, places, size, name):
     function = functools.partial(_mapped, jaxpr=jaxpr, places=places)
-    if is_on() and places is not None and isinstance(size, int) and size >= _FEWEST:
-        native = native_of(jaxpr, tuple(p is not None for p in places), name)
-        if native.target:
+    if may_call_c() and places is not None and isinstance(size, int) and size >= _FEWEST:
+        native = _native_of(jaxpr, tuple(p is not None for p in places), name)
+        if native:
             function = functools.partial(_called, native=native, places=places, size=size, results=jaxpr.out_avals)
     return mlir.lower_fun(function, multiple_results=True)(context, *values)
 
@@ -117,21 +116,29 @@ def _called(*values, native, places, size, results):
 
 
 @functools.lru_cache(maxsize=256)
-def native_of(jaxpr: ClosedJaxpr, mapped: tuple[bool, ...], name: str) -> Native:
-    """The C program for a batch of a function, compiled and known to XLA, or why there is none."""
+def program_of(jaxpr: ClosedJaxpr, mapped: tuple[bool, ...], name: str) -> tuple[CProgram | None, str]:
+    """A function as C, or None and why not."""
     try:
-        program = c_program(jaxpr, mapped)
-        target = _registered(program.text)
+        return c_program(jaxpr, mapped), ""
     except NotScalar as error:
         logger.info("%s is not written in C: %s", name, error)
-        return Native(None, str(error))
-    except (OSError, subprocess.TimeoutExpired) as error:
-        logger.warning("%s is not compiled as C, and runs slower: %s", name, error)
-        return Native(None, str(error))
+        return None, str(error)
     except Exception as error:  # of ours: a batch must not fail for what only makes it faster
         logger.warning("%s cannot be written in C, and runs slower; please report: %r", name, error)
-        return Native(None, repr(error))
-    return Native(target, "", program.constants)
+        return None, repr(error)
+
+
+@functools.lru_cache(maxsize=256)
+def _native_of(jaxpr: ClosedJaxpr, mapped: tuple[bool, ...], name: str) -> Native | None:
+    """The C program for a batch of a function, compiled and known to XLA; None where there is none."""
+    program, _ = program_of(jaxpr, mapped, name)
+    if program is None:
+        return None
+    try:
+        return Native(_registered(program.text), program.constants)
+    except (OSError, subprocess.TimeoutExpired) as error:
+        logger.warning("%s is not compiled as C, and runs slower: %s", name, error)
+        return None
 
 
 _known: set[str] = set()

@@ -8,10 +8,8 @@ import jax
 import numpy as np
 from jax.extend.core import ClosedJaxpr, Jaxpr
 
-from ._c_program import c_program
-from ._lanes import in_lanes_p
+from ._lanes import in_lanes_p, program_of
 from ._one_loop import one_loop_p, plan_of
-from ._scalar_program import NotScalar
 from ._switch import machinery
 
 
@@ -67,15 +65,14 @@ def _parts(jaxpr: Jaxpr) -> Iterator[Part]:
         if equation.primitive is in_lanes_p:
             places, reason = parameters["places"], "a single state"
             if places is not None:
-                try:
-                    program = c_program(parameters["jaxpr"], tuple(place is not None for place in places))
+                mapped = tuple(place is not None for place in places)
+                program, reason = program_of(parameters["jaxpr"], mapped, parameters["name"])
+                if program:
                     yield Part(parameters["name"], True, program.operations, "")
                     continue  # as a whole
-                except NotScalar as error:
-                    reason = str(error)
             yield Part(parameters["name"], False, 0, reason)
-            mapped = functools.partial(in_lanes_p.impl, **parameters)
-            yield from _parts(jax.make_jaxpr(mapped)(*(v.aval for v in equation.invars)).jaxpr)
+            as_usual = functools.partial(in_lanes_p.impl, **parameters)
+            yield from _parts(jax.make_jaxpr(as_usual)(*(v.aval for v in equation.invars)).jaxpr)
         else:
             for value in parameters.values():
                 for inner in value if isinstance(value, tuple | list) else (value,):

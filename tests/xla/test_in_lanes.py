@@ -131,7 +131,7 @@ def test_what_cannot_be_written_is_mapped_and_says_why(function, reason, caplog)
 @pytest.fixture
 def fresh(monkeypatch, tmp_path):
     """Nothing compiled yet, and programs kept in a folder of the test's own."""
-    caches = (_lanes.native_of, _lanes._compiler)
+    caches = (_lanes._native_of, _lanes._compiler)
     monkeypatch.setenv("JAXRMP_CACHE", str(tmp_path / "programs"))
     for cache in caches:
         cache.cache_clear()
