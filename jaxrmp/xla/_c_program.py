@@ -6,7 +6,6 @@ entries about is no code at all: every array is a table of places where its entr
 batch is computed once.
 """
 
-import functools
 import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -18,7 +17,8 @@ from jax.extend.core import ClosedJaxpr
 from ._c_gather import gathered
 from ._c_nodes import BITS, INDEX, Node, Source, sources_of
 from ._c_text import written
-from ._scalar_program import ELEMENTWISE, REDUCTIONS, Builder, NotScalar, Operation, coordinate_program
+from ._rows import matrices, rows_over
+from ._scalar_program import ELEMENTWISE, Builder, NotScalar, Operation, coordinate_program
 
 _LEAST = 4  # coordinates from which on a loop is worth it
 _SMALL = 16  # entries of an array that is taken apart, and operations of a product or a sum
@@ -208,15 +208,15 @@ class _Program(Builder):
         spread = [np.broadcast_to(x, shape) for x in operands]
         size = math.prod(shape)
         if size <= self._small or self._whole:
-            return self._entries([self._one(primitive, parameters, x, dtype) for x in _rows(spread)], shape)
+            return self.entries([self.one(primitive, parameters, x, dtype) for x in _rows(spread)], shape)
         if all(_constant(x) for x in spread):  # the same everywhere
-            return np.full(shape, self._one(primitive, parameters, [int(x.flat[0]) for x in spread], dtype))
+            return np.full(shape, self.one(primitive, parameters, [int(x.flat[0]) for x in spread], dtype))
         if all((x < 0).all() for x in spread):
-            found = [self._one(primitive, parameters, x, dtype) for x in _rows(spread)]
-            return self._entries(found, shape)
+            found = [self.one(primitive, parameters, x, dtype) for x in _rows(spread)]
+            return self.entries(found, shape)
         name = primitive.name
         if name == "integer_pow" and dict(parameters)["y"] == 0:
-            return np.full(shape, self._one(primitive, parameters, (), dtype))
+            return np.full(shape, self.one(primitive, parameters, (), dtype))
         if name in ("mul", "add", "add_any", "sub") and (plain := self._plain(name, spread)) is not None:
             return plain
         if name == "square" or (name == "integer_pow" and dict(parameters)["y"] == 2):
@@ -238,14 +238,14 @@ class _Program(Builder):
                     return other
         return None
 
-    def _one(self, primitive, parameters, places, dtype) -> int:
+    def one(self, primitive, parameters, entries, dtype) -> int:
         if primitive.name == "integer_pow" and dict(parameters)["y"] == 0:
             return self.number(np.dtype(dtype).type(1))
-        operands = tuple(int(p) if p >= 0 else self.known(int(p)) for p in places)
+        operands = tuple(int(p) if p >= 0 else self.known(int(p)) for p in entries)
         found = self.operation(primitive, parameters, operands, dtype)
         return found if isinstance(found, int) else self.number(found)
 
-    def _entries(self, values, shape):
+    def entries(self, values, shape):
         return np.array(values, dtype=np.int64).reshape(shape)
 
     def _in_memory(self, places: np.ndarray) -> np.ndarray:
@@ -274,20 +274,12 @@ class _Program(Builder):
         return self._tables[key].reshape(shape if len(shape) and math.prod(shape) == size else (size,))
 
     def _dot(self, parameters, a, b, dtype):
-        (over_a, over_b), (batch_a, batch_b) = parameters["dimension_numbers"]
-        free_a = [i for i in range(a.ndim) if i not in (*over_a, *batch_a)]
-        free_b = [i for i in range(b.ndim) if i not in (*over_b, *batch_b)]
-        batch = [a.shape[i] for i in batch_a]
-        rows, columns = [a.shape[i] for i in free_a], [b.shape[i] for i in free_b]
-        k = math.prod(a.shape[i] for i in over_a)
-        A = a.transpose([*batch_a, *free_a, *over_a]).reshape(math.prod(batch), math.prod(rows), k)
-        B = b.transpose([*batch_b, *free_b, *over_b]).reshape(math.prod(batch), math.prod(columns), k)
-        shape = (*batch, *rows, *columns)
-        size = math.prod(shape)
+        A, B, shape = matrices(parameters, a, b)
+        size, k = math.prod(shape), A.shape[-1]
         if size * k <= 4 * _SMALL or self._whole:
             if size * k > _FLAT_MOST:
                 raise NotScalar(f"a product of more than {_FLAT_MOST:,} operations")
-            return self._unrolled_dot(A, B, shape, dtype)
+            return self.product(A, B, shape, dtype)
         few = self._of_few_terms(A, B, shape, dtype)
         if few is None:
             few = self._of_few_terms(B, A, shape, dtype, swapped=True)
@@ -295,22 +287,6 @@ class _Program(Builder):
             return few
         found = self._array("dot", (), (A, B), (*A.shape, B.shape[1]), dtype, size)
         return found.reshape(shape)
-
-    def _unrolled_dot(self, A, B, shape, dtype):
-        values = []
-        for Ai, Bi in zip(A, B, strict=True):
-            for row in Ai:
-                for column in Bi:
-                    pairs = zip(row, column, strict=True)
-                    products = [self._one(jax.lax.mul_p, (), pair, dtype) for pair in pairs]
-                    values.append(self._sum(products, dtype))
-        return self._entries(values, shape)
-
-    def _sum(self, places, dtype):
-        total = places[0] if len(places) else self.number(np.dtype(dtype).type(0))
-        for place in places[1:]:
-            total = self._one(jax.lax.add_p, (), (total, place), dtype)
-        return total
 
     def _of_few_terms(self, A, B, shape, dtype, swapped=False):
         """A product with numbers of which at most two in a row are not zero: entries, or sums of two."""
@@ -332,16 +308,13 @@ class _Program(Builder):
         return total.reshape(shape)
 
     def _reduced(self, name, axes, a, shape, dtype):
-        rest = [i for i in range(a.ndim) if i not in axes]
-        rows = a.transpose([*rest, *axes]).reshape(math.prod(shape), math.prod(a.shape[i] for i in axes))
+        rows = rows_over(a, axes)
         if not rows.shape[1]:
             if np.dtype(dtype).kind == "i" and name != "reduce_sum":
                 raise NotScalar(f"`{name}` of nothing")
             return np.broadcast_to(self.numbers(_OF_NOTHING[name], dtype), shape)
         if rows.size <= _SMALL or self._whole:
-            primitive = REDUCTIONS[name]
-            folded = functools.partial(functools.reduce, lambda x, y: self._one(primitive, (), (x, y), dtype))
-            return self._entries([folded([int(p) for p in row]) for row in rows], shape)
+            return super()._reduced(name, axes, a, shape, dtype)
         return self._array("reduce", (("by", name),), (rows,), rows.shape, dtype, len(rows)).reshape(shape)
 
 

@@ -22,16 +22,15 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 from jax.extend.core import ClosedJaxpr, Primitive
-from jax.interpreters import ad, batching, mlir
+from jax.interpreters import mlir
 
 from ._c_program import CProgram, c_program
-from ._one_loop import as_it_stands, bound, one_by_one
+from ._one_loop import as_it_stands, bound, define
 from ._plan import logger
 from ._scalar_program import NotScalar
 from ._switch import may_call_c
 
 in_lanes_p = Primitive("in_lanes")
-in_lanes_p.multiple_results = True
 # As fast as with -O2, which takes twice as long.
 _FLAGS = "-std=gnu11 -O1 -fexpensive-optimizations -march=native -fno-math-errno -fno-trapping-math"
 _FLAGS += " -fno-strict-aliasing -fPIC -shared"
@@ -93,11 +92,6 @@ def _batch(values, dimensions, *, jaxpr, places, size, name):
     size = next(v.shape[d] for v, d in zip(values, dimensions, strict=True) if d is not None)
     found = in_lanes_p.bind(*values, jaxpr=jaxpr, places=tuple(dimensions), size=size, name=name)
     return found, [0] * len(found)
-
-
-def _push(primals, tangents, **parameters):
-    function = functools.partial(_mapped, **parameters)
-    return jax.jvp(function, primals, tuple(ad.instantiate_zeros(t) for t in tangents))
 
 
 def _lower_on_cpu(context, *values, jaxpr, places, size, name):
@@ -201,9 +195,4 @@ def _processor() -> str:
         return f"{platform.machine()} {platform.processor()}"
 
 
-in_lanes_p.def_impl(functools.partial(_mapped, call=one_by_one))
-in_lanes_p.def_abstract_eval(_shapes)
-batching.primitive_batchers[in_lanes_p] = _batch
-ad.primitive_jvps[in_lanes_p] = _push
-mlir.register_lowering(in_lanes_p, mlir.lower_fun(_mapped, multiple_results=True))
-mlir.register_lowering(in_lanes_p, _lower_on_cpu, platform="cpu")
+define(in_lanes_p, _mapped, _shapes, _batch, _lower_on_cpu)

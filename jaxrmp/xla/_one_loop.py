@@ -25,7 +25,6 @@ from ._scalar_program import ScalarProgram
 from ._switch import is_on
 
 one_loop_p = Primitive("one_loop")
-one_loop_p.multiple_results = True
 
 
 class Level(NamedTuple):
@@ -113,6 +112,22 @@ def _arguments_of_tracers(closed: ClosedJaxpr, values: list) -> tuple[ClosedJaxp
     return ClosedJaxpr(opened, [consts[k] for k in known]), [*(consts[k] for k in traced), *values]
 
 
+def define(primitive: Primitive, mapped: Callable, shapes: Callable, batch: Callable, lower_on_cpu: Callable) -> None:
+    """Make a primitive lower on a CPU in its own way; elsewhere, and with its slopes, it is what `mapped` is."""
+
+    def push(primals, tangents, **parameters):
+        function = functools.partial(mapped, **parameters)
+        return jax.jvp(function, primals, tuple(ad.instantiate_zeros(t) for t in tangents))
+
+    primitive.multiple_results = True
+    primitive.def_impl(functools.partial(mapped, call=one_by_one))
+    primitive.def_abstract_eval(shapes)
+    batching.primitive_batchers[primitive] = batch
+    ad.primitive_jvps[primitive] = push
+    mlir.register_lowering(primitive, mlir.lower_fun(mapped, multiple_results=True))
+    mlir.register_lowering(primitive, lower_on_cpu, platform="cpu")
+
+
 def as_it_stands(jaxpr: ClosedJaxpr, *values: Any) -> list[Any]:
     """What a function gives."""
     return jaxpr_as_fun(jaxpr)(*values)
@@ -163,11 +178,6 @@ def _batch(values, dimensions, *, jaxpr, levels, within, name):
 def plan_of(jaxpr: ClosedJaxpr, levels: tuple[Level, ...], within: int) -> Plan:
     """How a function is to be mapped over these levels on a CPU, and why."""
     return planned(jaxpr, tuple(level.size for level in levels[within:]))
-
-
-def _push(primals, tangents, *, jaxpr, levels, within, **_):
-    function = functools.partial(_mapped, jaxpr=jaxpr, levels=levels, within=within)
-    return jax.jvp(function, primals, tuple(ad.instantiate_zeros(t) for t in tangents))
 
 
 def _lower_on_cpu(context, *values, jaxpr, levels, within, **_):
@@ -235,9 +245,4 @@ def _least(dtype):
     return np.array(-np.inf if jnp.issubdtype(dtype, jnp.floating) else jnp.iinfo(dtype).min, dtype)
 
 
-one_loop_p.def_impl(functools.partial(_mapped, call=one_by_one))
-one_loop_p.def_abstract_eval(_shapes)
-batching.primitive_batchers[one_loop_p] = _batch
-ad.primitive_jvps[one_loop_p] = _push
-mlir.register_lowering(one_loop_p, mlir.lower_fun(_mapped, multiple_results=True))
-mlir.register_lowering(one_loop_p, _lower_on_cpu, platform="cpu")
+define(one_loop_p, _mapped, _shapes, _batch, _lower_on_cpu)

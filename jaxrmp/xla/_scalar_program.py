@@ -1,7 +1,6 @@
 """A function of small arrays as a list of scalar operations."""
 
 import functools
-import math
 import operator
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
@@ -9,6 +8,8 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 from jax.extend.core import ClosedJaxpr, Jaxpr, Literal
+
+from ._rows import matrices, rows_over
 
 # XLA recurses along chains of dependent operations, and LLVM does not vectorise loops of twice this size.
 _MOST, _DEEPEST = 3000, 500
@@ -183,6 +184,14 @@ class Builder:
             found.update(zip(equation.outvars, outputs, strict=True))
         return [read(v) for v in jaxpr.outvars]
 
+    def one(self, primitive: Any, parameters: tuple, entries: Any, dtype: Any) -> Any:
+        """An operation on entries, as an entry."""
+        return self.operation(primitive, parameters, entries, dtype)
+
+    def entries(self, values: Sequence[Any], shape: tuple[int, ...]) -> np.ndarray:
+        """An array of entries."""
+        return entries(values, shape)
+
     def _equation(self, equation, operands: list[np.ndarray]) -> list[np.ndarray]:
         name, parameters = equation.primitive.name, equation.params
         if name in _INLINED:
@@ -254,37 +263,34 @@ class Builder:
         return self.step(Operation(primitive, parameters, x, dtype))
 
     def _dot(self, parameters, a, b, dtype) -> np.ndarray:
-        (over_a, over_b), (batch_a, batch_b) = parameters["dimension_numbers"]
-        free_a = [i for i in range(a.ndim) if i not in (*over_a, *batch_a)]
-        free_b = [i for i in range(b.ndim) if i not in (*over_b, *batch_b)]
-        if b.size * math.prod(a.shape[i] for i in free_a) > _MOST:
+        A, B, shape = matrices(parameters, a, b)
+        if A.shape[1] * B.size > _MOST:
             raise NotScalar(f"a product of more than {_MOST:,} operations")
-        A = a.transpose([*batch_a, *free_a, *over_a])
-        B = b.transpose([*batch_b, *free_b, *over_b])
-        batch, n = A.shape[: len(batch_a)], math.prod(a.shape[i] for i in over_a)
-        rows, columns = A.shape[len(batch_a) :][: len(free_a)], B.shape[len(batch_b) :][: len(free_b)]
-        A, B = A.reshape(math.prod(batch), math.prod(rows), n), B.reshape(math.prod(batch), math.prod(columns), n)
+        return self.product(A, B, shape, dtype)
+
+    def product(self, A: np.ndarray, B: np.ndarray, shape: tuple[int, ...], dtype: Any) -> np.ndarray:
+        """The products of the rows of `A` [batch, rows, k] with those of `B` [batch, columns, k], in a `shape`."""
         values = []
         for Ai, Bi in zip(A, B, strict=True):
             for row in Ai:
                 for column in Bi:
                     pairs = zip(row, column, strict=True)
-                    products = [self.operation(jax.lax.mul_p, (), pair, dtype) for pair in pairs]
-                    values.append(self._folded(jax.lax.add_p, products, dtype))
-        return entries(values, (*batch, *rows, *columns))
+                    values.append(
+                        self.folded(jax.lax.add_p, [self.one(jax.lax.mul_p, (), p, dtype) for p in pairs], dtype)
+                    )
+        return self.entries(values, shape)
 
     def _reduced(self, name, axes, a, shape, dtype) -> np.ndarray:
-        primitive = REDUCTIONS[name]
-        rest = [i for i in range(a.ndim) if i not in axes]
-        rows = a.transpose([*rest, *axes]).reshape(math.prod(shape), -1)
+        rows = rows_over(a, axes)
         if not rows.shape[1]:
             raise NotScalar(f"`{name}` of nothing")
-        return entries([self._folded(primitive, row, dtype) for row in rows], shape)
+        return self.entries([self.folded(REDUCTIONS[name], row, dtype) for row in rows], shape)
 
-    def _folded(self, primitive, values, dtype) -> "int | Number":
-        total = values[0]
+    def folded(self, primitive: Any, values: Sequence[Any], dtype: Any) -> Any:
+        """A primitive of the first two values, of what it gives and the third, and so on; the sum of none is zero."""
+        total = values[0] if len(values) else self.numbers(0, dtype)[()]
         for value in values[1:]:
-            total = self.operation(primitive, (), (total, value), dtype)
+            total = self.one(primitive, (), (total, value), dtype)
         return total
 
 

@@ -45,6 +45,7 @@ ARRAYS = {
     "known numbers": lambda x: (jnp.eye(4) @ x, jnp.diag(x) + jnp.zeros((4, 4)), jnp.ones(2), x * -0.0),
     "splits": lambda x: jnp.split(x, [1, 3]),
     "slopes": lambda x: (jax.jacfwd(lambda x: x * jnp.sum(x**2))(x), jax.grad(lambda x: jnp.tanh(x @ x))(x)),
+    "sums of nothing": lambda x: (x[:0] @ x[:0], x[:0].reshape(2, 0) @ x[:0].reshape(0, 3)),
     "as it came": lambda x: (x, {"again": x[1]}),
 }
 
