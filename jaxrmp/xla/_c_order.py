@@ -8,6 +8,15 @@ import numpy as np
 from ._c_nodes import INDEX, Node, Source, is_loop, sources_of, used_by
 
 
+def needed(nodes: Sequence[Node], kept: set[int]) -> list[Node]:
+    """The nodes, in their order, that sources to be `kept` are made of."""
+    used = set(kept)
+    for node in reversed(nodes):
+        if node.out in used:
+            used |= used_by(node)
+    return [node for node in nodes if node.out in used]
+
+
 def grouped(nodes: Sequence[Node]) -> list[list[Node]]:
     """The nodes in an order in which loops over one shape come together, those that become one as a list."""
     waiting: dict[int, int] = {}

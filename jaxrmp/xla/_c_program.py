@@ -16,6 +16,7 @@ from jax.extend.core import ClosedJaxpr
 
 from ._c_gather import gathered
 from ._c_nodes import BITS, INDEX, Node, Source, sources_of
+from ._c_order import needed
 from ._c_text import written
 from ._rows import matrices, rows_over
 from ._scalar_program import ELEMENTWISE, Builder, NotScalar, Operation, coordinate_program
@@ -179,20 +180,15 @@ class _Program(Builder):
                 return self._by_coordinates(closed, operands)
         except NotScalar:
             pass
-        before = (len(self.sources), len(self.nodes), self.single_steps, dict(self._places), dict(self._made))
-        outside = self._whole
+        outside, steps = self._whole, self.single_steps
         arguments = [self.numbers(c) for c in closed.consts], operands
         try:
-            if not outside:
-                self._whole = self.single_steps + _FLAT_MOST
+            self._whole = outside or steps + _FLAT_MOST
             return self.run(closed.jaxpr, *arguments)
         except NotScalar:
             if outside:
                 raise
-            del self.sources[before[0] :], self.nodes[before[1] :]
-            self.single_steps, self._places, self._made = before[2:]
-            self._tables = {k: v for k, v in self._tables.items() if v[0] >> BITS < before[0]}
-            self._whole = 0
+            self.single_steps, self._whole = steps, 0  # what was tried is left out at the end, as all that is not used
             return self.run(closed.jaxpr, *arguments)
         finally:
             self._whole = outside
@@ -340,8 +336,8 @@ def _supported(name: str, dtype: Any) -> str:
     return name
 
 
-def c_program(closed: ClosedJaxpr, mapped: Sequence[bool], name: str = "program") -> CProgram:
-    """A function as C: `name(const void **in, void **out, long first, long last)`, for states in that range.
+def c_program(closed: ClosedJaxpr, mapped: Sequence[bool]) -> CProgram:
+    """A function as C: `program(const void **in, void **out, long first, long last)`, for states in that range.
 
     **Arguments**: `closed`, the function of one state; `mapped`, which of its arguments each state has its own of: in
     memory, they have a leading axis of states, as all results do.
@@ -361,5 +357,6 @@ def c_program(closed: ClosedJaxpr, mapped: Sequence[bool], name: str = "program"
     outputs = program.run(closed.jaxpr, [program.numbers(c) for c in closed.consts], arguments)
     dtypes = [a.dtype for a in values[: len(arguments)]] + [c.dtype for c in program.constants]
     results = list(zip(outputs, [a.dtype for a in values[len(arguments) :]], strict=True))
-    text = written(program, dtypes, results, real, name)
+    program.nodes = needed(program.nodes, {s for places in outputs for s in sources_of(places)})
+    text = written(program, dtypes, results, real)
     return CProgram(text, tuple(program.constants), sum(math.prod(n.shape) for n in program.nodes))

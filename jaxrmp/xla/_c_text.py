@@ -19,15 +19,13 @@ _ROWS, _PRODUCTS, _SUMS = 4, 8, 4  # rows and entries of a product computed at o
 _TABLE_LINE = 24
 
 
-def written(
-    program: Any, dtypes: Sequence[Any], results: Sequence[tuple[np.ndarray, Any]], real: Any, name: str
-) -> str:
+def written(program: Any, dtypes: Sequence[Any], results: Sequence[tuple[np.ndarray, Any]], real: Any) -> str:
     """The C file of a program.
 
     **Arguments**: `program`, with its sources and nodes; `dtypes` of the arguments, and `results`, places and dtype of
-    each; `real`, the type of its numbers; `name` of the function.
+    each; `real`, the type of its numbers.
     """
-    return _Writer(program, np.dtype(real)).file(dtypes, results, name)
+    return _Writer(program, np.dtype(real)).file(dtypes, results)
 
 
 class _Writer:
@@ -39,7 +37,7 @@ class _Writer:
         self.offsets: dict[int, int] = {}
         self.local: dict[int, str] = {}  # entries of a loop's own, by source
 
-    def file(self, dtypes, results, name) -> str:
+    def file(self, dtypes, results) -> str:
         shared = [n for n in self.nodes if self.sources[n.out].shared]
         mapped = [n for n in self.nodes if not self.sources[n.out].shared]
         kept = {s for places, _ in results for s in sources_of(places)}
@@ -63,7 +61,7 @@ class _Writer:
             "",
             *self.table_lines,
             "",
-            f"int {name}(const void **in, void **out, long first, long last) {{",
+            "int program(const void **in, void **out, long first, long last) {",
             f"    size_t bytes = {size + 2} * sizeof(V) + {shared_size + 1} * sizeof(R);",
             "    char *memory = aligned_alloc(64, (bytes + 63) / 64 * 64);",
             "    if (!memory) return 1;",
@@ -288,8 +286,7 @@ class _Writer:
         if by in _FOLDS:
             fold = _FOLDS[by]
         else:
-            suffix = {"R": "r", "N": "n", "V": "v", "VI": "vi"}[kind]
-            fold = f"{by.removeprefix('reduce_')}_{suffix}({{0}}, {{1}})"
+            fold = f"{by.removeprefix('reduce_')}_{kind.lower()}({{0}}, {{1}})"
         lines = [f"for (int i = 0; i < {rows}; i++) {{"]
         lines += [f"    {kind} c{k} = {read(['i', str(k)])};" for k in range(sums)]
         lines.append(f"    for (int j = {sums}; j < {whole}; j += {sums}) {{")
@@ -330,7 +327,7 @@ class _Writer:
     def operation(self, node, x: list[str]) -> str:
         out = self.sources[node.out]
         name, settings = node.op, node.settings
-        suffix = {"R": "r", "N": "n", "V": "v", "VI": "vi"}[self.type(out)]
+        suffix = self.type(out).lower()
         if name in _SIGNS:
             return f"{x[0]} {_SIGNS[name]} {x[1]}"
         if name in _COMPARISONS:

@@ -167,7 +167,7 @@ def _compiled(text: str) -> Path:
     folder.mkdir(parents=True, exist_ok=True, mode=0o700)
     with tempfile.TemporaryDirectory(dir=folder) as made:
         source = Path(made, "program.c")
-        source.write_text(f'{text}\n#define PROGRAM program\n#include "ffi.h"\n')
+        source.write_text(f'{text}\n#include "ffi.h"\n')
         mathematics = ["-lmvec", "-lm"] if platform.machine() == "x86_64" and platform.system() == "Linux" else ["-lm"]
         include = [f"-I{here}", f"-I{jax.ffi.include_dir()}"]
         command = [compiler, *_FLAGS.split(), *include, str(source), "-o", str(Path(made, "program.so")), *mathematics]

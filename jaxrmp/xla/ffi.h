@@ -1,12 +1,11 @@
-/* Calls the function PROGRAM as XLA's foreign function PROGRAM_ffi: the states of a batch in ranges, on XLA's threads. */
+/* Calls the function `program`, which stands before, as XLA's foreign function `program_ffi`: the states of a batch in
+   ranges, on XLA's threads. */
 
 #include <stdatomic.h>
 #include <sched.h>
 
 #include "xla/ffi/api/c_api.h"
 
-#define JOINED_(a, b) a##b
-#define JOINED(a, b) JOINED_(a, b)
 #define AT_LEAST (16 * LANES) /* states of a range: fewer are not worth a thread */
 
 typedef struct {
@@ -27,7 +26,7 @@ static void work(Batch *batch) {
         if (k >= batch->ranges) return; /* what `in` and `out` point to may be gone */
         long first = k * batch->step, last = first + batch->step;
         if (last > batch->states) last = batch->states;
-        if (PROGRAM(batch->in, batch->out, first, last)) atomic_store(&batch->failed, 1);
+        if (program(batch->in, batch->out, first, last)) atomic_store(&batch->failed, 1);
         atomic_fetch_add(&batch->done, 1);
     }
 }
@@ -43,7 +42,7 @@ static XLA_FFI_Error *error(const XLA_FFI_Api *api, const char *message) {
     return api->XLA_FFI_Error_Create(&args);
 }
 
-XLA_FFI_Error *JOINED(PROGRAM, _ffi)(XLA_FFI_CallFrame *frame) {
+XLA_FFI_Error *program_ffi(XLA_FFI_CallFrame *frame) {
     XLA_FFI_Extension_Base *extension = frame->extension_start;
     if (extension && extension->type == XLA_FFI_Extension_Metadata) {
         XLA_FFI_Metadata *metadata = ((XLA_FFI_Metadata_Extension *)extension)->metadata;
@@ -65,7 +64,7 @@ XLA_FFI_Error *JOINED(PROGRAM, _ffi)(XLA_FFI_CallFrame *frame) {
     if (none || threads < 1) threads = 1;
     long ranges = states / AT_LEAST < 4 * threads ? states / AT_LEAST : 4 * threads;
     if (threads == 1 || ranges < 2) {
-        return PROGRAM(in, out, 0, states) ? error(frame->api, "out of memory") : NULL;
+        return program(in, out, 0, states) ? error(frame->api, "out of memory") : NULL;
     }
     Batch *batch = malloc(sizeof(Batch));
     if (!batch) return error(frame->api, "out of memory");
