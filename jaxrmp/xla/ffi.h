@@ -6,7 +6,7 @@
 
 #include "xla/ffi/api/c_api.h"
 
-#define AT_LEAST (16 * LANES) /* states of a range: fewer are not worth a thread */
+#define AT_LEAST (4 * LANES) /* states of a range: fewer are not worth a thread */
 
 typedef struct {
     atomic_long next, done, users;
