@@ -13,6 +13,7 @@ from ._errors import BasinError as BasinError
 from ._errors import ConfigurationError as ConfigurationError
 from ._errors import ConvexProgramError as ConvexProgramError
 from ._errors import DemonstrationError as DemonstrationError
+from ._errors import FileWarning as FileWarning
 from ._errors import JaxrmpError as JaxrmpError
 from ._errors import LeafError as LeafError
 from ._errors import MissingDependencyError as MissingDependencyError
@@ -23,6 +24,7 @@ from ._errors import ShapeError as ShapeError
 from ._errors import SkillFileError as SkillFileError
 from ._errors import TrainingError as TrainingError
 from ._errors import UnknownNameError as UnknownNameError
+from ._errors import UnsafeFileWarning as UnsafeFileWarning
 from ._first_order import overdamped_velocity as overdamped_velocity
 from ._first_order import velocity as velocity
 from ._forms import CanonicalForm as CanonicalForm

@@ -74,6 +74,14 @@ class RolloutError(JaxrmpError, RuntimeError):
     """A rollout produced non-finite states."""
 
 
+class FileWarning(UserWarning):
+    """Something that a file says is left out, or read in another way than it may have been meant."""
+
+
+class UnsafeFileWarning(FileWarning):
+    """As `FileWarning`, where a robot could move as it must not: a limit, an obstacle or a part of it is not known."""
+
+
 class MissingDependencyError(JaxrmpError, ImportError):
     """An optional package is needed for this and is not installed."""
 
