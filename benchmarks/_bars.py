@@ -47,6 +47,14 @@ def _least_of(benchmark: str, start: str, column: str) -> Callable[[Found], floa
     return measured
 
 
+def _at(start: str, size: int, column: str) -> Callable[[Found], float]:
+    def measured(found: Found) -> float:
+        rows = (row for row in found["throughput"] if row["name"].startswith(start) and row["size"] == size)
+        return next(rows)[column]
+
+    return measured
+
+
 def _steepest(*families: str) -> Callable[[Found], float]:
     def measured(found: Found) -> float:
         rows = [row for row in found["throughput"] if row["name"].startswith(tuple(f"growth: {f}" for f in families))]
@@ -100,6 +108,28 @@ BARS = (
     ),
     Bar("growth with obstacles, 8 to 512, mapped 64 at a time", _steepest("obstacles"), most=1.05, unit="exponent"),
     Bar("growth with leaves, 4 to 64, mapped 64 at a time", _steepest("leaves, batched"), most=1.05, unit="exponent"),
+    Bar(
+        "30 joints, three arms, batch 256, an evaluation",
+        _at("degrees of freedom, three arms, batch", 30, "us_per_evaluation"),
+        most=20,
+        unit="us",
+    ),
+    Bar(
+        "30 joints, three arms, one call",
+        _at("degrees of freedom, three arms, single", 30, "call_us"),
+        most=150,
+        unit="us",
+    ),
+    Bar(
+        "30 joints, one arm, batch 256, an evaluation",
+        _at("degrees of freedom, batch", 30, "us_per_evaluation"),
+        most=20,
+        unit="us",
+    ),
+    Bar("30 joints, one arm, one call", _at("degrees of freedom, single", 30, "call_us"), most=150, unit="us"),
+    Bar(
+        "growth with joints of three arms, 14 to 30", _steepest("degrees of freedom, three"), most=1.6, unit="exponent"
+    ),
     Bar("growth with batch, 256 to 65,536, mapped 1,024 at a time", _steepest("batch"), most=1.05, unit="exponent"),
     Bar("learned policy, compiled from nothing", _of("compilation", "learned_drawer, cold", "compile_s"), 5, unit="s"),
     Bar("the same from the cache", _of("compilation", "learned_drawer, cached", "compile_s"), most=0.5, unit="s"),

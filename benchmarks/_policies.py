@@ -70,18 +70,18 @@ def panda_24_pairs() -> Policy:
 
     def tree_of(moving):
         goal, obstacles = moving
-        return among_spheres(robot, "panda_hand", tuple(SPHERES), list(SPHERES.values()), obstacles, goal)
+        return among_spheres(robot, ("panda_hand",), tuple(SPHERES), list(SPHERES.values()), obstacles, goal)
 
     return Policy(single((np.array(GOAL), Spheres.of(OBSTACLES))), tree_of)
 
 
 def among_spheres(
-    robot: Robot, hand: str, frames: tuple[str, ...], radii: Any, obstacles: Spheres, goal: Any = GOAL
+    robot: Robot, hands: tuple[str, ...], frames: tuple[str, ...], radii: Any, obstacles: Spheres, goal: Any = GOAL
 ) -> Node:
-    """A goal for one frame, joint limits, damping, and spheres at some frames that keep off obstacles."""
+    """One goal for some frames, joint limits, damping, and spheres at some frames that keep off obstacles."""
     distances = ObstacleDistances(ControlPoints(robot, frames), World(spheres=obstacles), radii)
     goal = Batched(Attractor(jnp.asarray(goal)), shared=True)
-    tree = pullback(ControlPoints(robot, (hand,)), goal) + pullback(distances, CollisionAvoidance())
+    tree = pullback(ControlPoints(robot, hands), goal) + pullback(distances, CollisionAvoidance())
     return tree + JointLimit(robot.lower, robot.upper) + Damping()
 
 

@@ -12,7 +12,7 @@ from jaxrmp.kinematics import ControlPoints, panda
 from jaxrmp.leaves import Attractor, Damping, JointLimit
 from jaxrmp.world import Spheres
 
-from ._chains import serial_arm
+from ._chains import serial_arms
 from ._plots import curves
 from ._policies import GOAL, POSTURE, SPHERES, among_spheres, learned_drawer, on_device, panda_24_pairs, states
 from ._timing import alternately
@@ -45,7 +45,7 @@ def rows(quick: bool = False) -> list[dict[str, Any]]:
         found.append(_growth(family, {B: us for B, us in taken.items() if B >= 256 or quick}))
     for family, make, sizes in () if quick else FAMILIES:
         trees = {size: on_device(make(size)) for size in sizes}
-        joints = {size: size if make is degrees_of_freedom else 7 for size in trees}
+        joints = {size: size if sizes is JOINTS else 7 for size in trees}
         for batch, column in ((SCALING_BATCH, "us_per_evaluation"), (1, "call_us")):
             taken = _family({s: (tree, acceleration, batch, joints[s]) for s, tree in trees.items()}, quick)
             kind = "batch of 256, 64 at a time" if batch > 1 else "single call"
@@ -86,19 +86,27 @@ def batched_leaves(count: int) -> Node:
 
 def obstacles(count: int) -> Node:
     """The scene of 24 pairs with that many obstacle spheres, the arm's six against each."""
-    return among_spheres(panda(), "panda_hand", tuple(SPHERES), list(SPHERES.values()), _spheres(count))
+    return among_spheres(panda(), ("panda_hand",), tuple(SPHERES), list(SPHERES.values()), _spheres(count))
 
 
 def degrees_of_freedom(joints: int) -> Node:
     """A serial arm of that many joints with a goal, its limits, and six spheres against four obstacles."""
-    links = tuple(f"link{round(i * joints / 6)}" for i in range(1, 7))
-    return among_spheres(serial_arm(joints), links[-1], links, [0.05] * 6, _spheres(4))
+    links = tuple(f"arm0_link{round(i * joints / 6)}" for i in range(1, 7))
+    return among_spheres(serial_arms(joints), links[-1:], links, [0.05] * 6, _spheres(4))
+
+
+def three_arms(joints: int) -> Node:
+    """The same joints shared out among three arms, each with two of the spheres, and the goal."""
+    each = [(joints + k) // 3 for k in range(3)]
+    links = tuple(f"arm{k}_link{i}" for k, n in enumerate(each) for i in (n // 2, n))
+    return among_spheres(serial_arms(*each), links[1::2], links, [0.05] * 6, _spheres(4))
 
 
 FAMILIES = (
     ("leaves, batched", batched_leaves, LEAVES),
     ("obstacles", obstacles, OBSTACLES),
     ("degrees of freedom", degrees_of_freedom, JOINTS),
+    ("degrees of freedom, three arms", three_arms, JOINTS),
     ("leaves, one node each", separate_leaves, SEPARATE),
 )
 

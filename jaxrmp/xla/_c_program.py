@@ -24,6 +24,8 @@ from ._scalar_program import ELEMENTWISE, Builder, NotScalar, Operation, coordin
 _LEAST = 4  # coordinates from which on a loop is worth it
 _SMALL = 16  # entries of an array that is taken apart, and operations of a product or a sum
 _FLAT_MOST = 3000
+_BLOCKS = 64  # of a product with zeros
+_UNTOLD = np.iinfo(np.int64).min
 _MOST_SINGLE = 20000  # statements: compilers take more than proportionally long
 _MOST_KNOWN, _MOST_WRITTEN = 65536, 1024  # numbers of a constant whose values are looked at, and that are written out
 # Truth is all bits set or none, whose order is not that of numbers.
@@ -213,26 +215,33 @@ class _Program(Builder):
         name = primitive.name
         if name == "integer_pow" and dict(parameters)["y"] == 0:
             return np.full(shape, self.one(primitive, parameters, (), dtype))
-        if name in ("mul", "add", "add_any", "sub") and (plain := self._plain(name, spread)) is not None:
-            return plain
+        told = self._told(name, spread, dtype)
+        if told is not None and 4 * np.count_nonzero(rest := told == _UNTOLD) <= 3 * size:
+            told[rest] = self._each(primitive, parameters, [x[rest] for x in spread], (int(rest.sum()),), dtype)
+            return told
         if name == "square" or (name == "integer_pow" and dict(parameters)["y"] == 2):
             name, parameters, spread = "mul", (), [spread[0], spread[0]]
         name = _supported(name, dtype)
         return self._array(name, parameters, spread, shape, dtype, size)
 
-    def _plain(self, name, spread):
-        """What a sum with zeros, or a product with zeros or ones, comes to."""
+    def _told(self, name, spread, dtype) -> np.ndarray | None:
+        """Entries that need no computing: of products with zeros and ones, sums with zeros, choices that are made."""
+        told = np.full(spread[0].shape, _UNTOLD)
+        if name == "select_n":
+            known, which = spread[0] < 0, spread[0] == self.number(np.bool_(True))
+            told[known] = np.where(which, spread[2], spread[1])[known]
+            return told
+        if name not in ("mul", "div", "add", "add_any", "sub"):
+            return None
+        zero = self.number(np.dtype(dtype).type(0))
+        neutral = self.number(np.dtype(dtype).type(1)) if name in ("mul", "div") else zero
         a, b = spread
-        for x, other in ((a, b), (b, a)):
-            if _constant(x) and x.flat[0] < 0:
-                value = self.known(int(x.flat[0]))
-                if name == "mul" and value == 0:
-                    return x
-                if (name == "mul" and value == 1) or (name in ("add", "add_any") and value == 0):
-                    return other
-                if name == "sub" and x is b and value == 0:
-                    return other
-        return None
+        told = np.where(b == neutral, a, told)
+        if name not in ("sub", "div"):
+            told = np.where(a == neutral, b, told)
+        if name in ("mul", "div"):
+            told = np.where((a == zero) | ((b == zero) & (name == "mul")), zero, told)
+        return told
 
     def one(self, primitive, parameters, entries, dtype) -> int:
         if primitive.name == "integer_pow" and dict(parameters)["y"] == 0:
@@ -281,8 +290,27 @@ class _Program(Builder):
             few = self._of_few_terms(B, A, shape, dtype, swapped=True)
         if few is not None:
             return few
-        found = self._array("dot", (), (A, B), (*A.shape, B.shape[1]), dtype, size)
-        return found.reshape(shape)
+        return self._by_blocks(A, B, dtype).reshape(shape)
+
+    def _by_blocks(self, A, B, dtype) -> np.ndarray:
+        """A product [b, m, k] by [b, n, k], over k, in blocks of rows and columns that have their zeros in common."""
+        zero = self.number(np.dtype(dtype).type(0))
+        (rows, row_of), (columns, column_of) = (
+            np.unique((zero != X).any(axis=0), axis=0, return_inverse=True) for X in (A, B)
+        )
+        terms = (rows[:, None] & columns)[row_of][:, column_of].sum()
+        if 4 * terms > 3 * math.prod(A.shape[1:]) * B.shape[1] or len(rows) * len(columns) > _BLOCKS:
+            return self._array("dot", (), (A, B), (*A.shape, B.shape[1]), dtype, A.shape[0] * A.shape[1] * B.shape[1])
+        found = np.full((len(A), A.shape[1], B.shape[1]), zero)
+        for i, j in np.ndindex(len(rows), len(columns)):
+            if (both := rows[i] & columns[j]).any():
+                at, across = row_of == i, column_of == j
+                block = A[:, at][..., both], B[:, across][..., both]
+                shape = len(A), int(at.sum()), int(across.sum())
+                small = math.prod(shape) * int(both.sum()) <= 4 * _SMALL
+                made = self.product(*block, shape, dtype) if small else self._by_blocks(*block, dtype)
+                found[np.ix_(range(len(A)), at, across)] = made.reshape(shape)
+        return found
 
     def _of_few_terms(self, A, B, shape, dtype, swapped=False):
         """A product with numbers of which at most two in a row are not zero: entries, or sums of two."""

@@ -7,7 +7,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from jaxrmp._linalg import cholesky
 from jaxrmp.xla import _lanes, in_lanes, report
+from jaxrmp.xla._c_program import c_program
 
 RNG = np.random.default_rng(0)
 COMPILER = pytest.mark.skipif(not shutil.which("cc"), reason="needs a C compiler")
@@ -33,6 +35,13 @@ def assert_same(found, expected, rtol):
 WEIGHTS = RNG.normal(size=(3, 40, 25)).astype(np.float32)
 PICKED = np.array([[2, 0], [1, 1]])
 ONE_HOT = np.eye(30, dtype=np.float32)[:, [3, 7, 7, 29]] - np.eye(30, dtype=np.float32)[:, [0, 1, 2, 3]]
+MASK = np.kron(np.eye(3), np.ones((5, 5))).astype(np.float32)
+
+
+def in_blocks(x):
+    return MASK * jnp.outer(x[:15], x[30:45])
+
+
 LARGE = {
     "layers": lambda x: jax.nn.relu(jnp.einsum("kij,kj->ki", WEIGHTS, x.reshape(3, 25))),
     "a network's slope": jax.grad(lambda x: jnp.sum(jnp.tanh(WEIGHTS[0] @ x[:25]) ** 2)),
@@ -46,6 +55,8 @@ LARGE = {
     "known entries": lambda x: jnp.concatenate([x[:20], jnp.zeros(20), jnp.arange(20.0)]) * 2 + jnp.ones(60),
     "mixed sources": lambda x: jnp.stack([x[:20] + 1, x[20:40] * 2, x[30:50]]) ** 2,
     "views of what is made": lambda x: (lambda y: y[::-1] * y + y.reshape(5, 15).T.reshape(-1))(jnp.sin(x)),
+    "blocks of zeros": lambda x: in_blocks(x) @ in_blocks(x[::-1]).T + jnp.sum(in_blocks(x) / 3 - in_blocks(x[::-1])),
+    "factors of blocks": lambda x: cholesky(in_blocks(x) @ in_blocks(x).T + 4 * jnp.eye(15)),
     "not used": lambda x: (x[:2], jnp.zeros(3)),
     "no numbers at all": lambda x: (jnp.sum(x[:0]), jnp.max(x.reshape(5, 15)[:, :0], axis=1, initial=-1.0), x**0),
     "beyond whole numbers": lambda x: (x * 3e9).astype(jnp.int32),
@@ -58,6 +69,22 @@ def test_large_arrays(name):
     x = RNG.normal(size=(21, 75)).astype(np.float32)
     assert_written(LARGE[name], x[0])
     assert_same(*both(LARGE[name], x), 2e-5)
+
+
+def test_what_is_known_to_be_zero_costs_nothing():
+    """Branches of a robot do not move each other: work grows with the branches, not with their cube."""
+
+    def work(branches):
+        mask = np.kron(np.eye(branches), np.ones((6, 6))).astype(np.float32)
+
+        def function(x):
+            A = mask * jnp.outer(x, x)
+            return cholesky(A @ A.T + jnp.eye(len(x)))
+
+        jaxpr = jax.make_jaxpr(function)(np.zeros(6 * branches, np.float32))
+        return c_program(jaxpr, [True]).operations
+
+    assert work(6) < 3 * work(3)
 
 
 @pytest.mark.parametrize("states", [4, 7, 8, 1000])
