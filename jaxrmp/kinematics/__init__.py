@@ -6,6 +6,7 @@ from ._forward import frame_poses as frame_poses
 from ._frame_axes import FrameAxes as FrameAxes
 from ._frame_axes import FrameRotation as FrameRotation
 from ._geometric_jacobian import geometric_jacobian as geometric_jacobian
+from ._hand_frame import hand_frame as hand_frame
 from ._load import load_robot as load_robot
 from ._load import load_robot_from_string as load_robot_from_string
 from ._panda import PANDA_MODEL as PANDA_MODEL

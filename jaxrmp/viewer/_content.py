@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..kinematics import Robot, forward_kinematics, load_robot, panda
+from ..kinematics import Robot, forward_kinematics, hand_frame, load_robot, panda
 from ..learning import PreparedDemonstrations, Skill
 from ..policies import reaching_policy, whole_arm_policy
 from ..scenes import Scene
@@ -19,14 +19,13 @@ def reach_content(
 ) -> Content:
     """The hand-designed policy on the built-in Panda, or on the robot of an MJCF or URDF file.
 
-    **Arguments**: `robot`, "panda" or a file; `frame`, the hand, by default the point between the Panda's fingertips,
-    else the frame that the most joints move, the last of those; `balls`, how many draggable obstacles there may be;
-    `self_collision`, whether the links keep off each other.
+    **Arguments**: `robot`, "panda" or a file; `frame`, the hand, by default `hand_frame`'s; `balls`, how many
+    draggable obstacles there may be; `self_collision`, whether the links keep off each other.
     **Raises** `RobotError` for a file that is none, `UnknownNameError` for a frame that is not there.
     """
     built_in = robot == "panda"
     arm = panda() if built_in else load_robot(robot)
-    hand = frame or (PANDA_HAND if built_in else last_frame(arm))
+    hand = frame or (PANDA_HAND if built_in else hand_frame(arm))
     rest = READY if built_in else arm.middle
     policy = reaching_policy(arm, hand, rest, self_collision=self_collision)
     T = np.asarray(forward_kinematics(arm, rest, hand), float)
@@ -70,11 +69,3 @@ def skill_content(
         frames=tuple(dict.fromkeys(skill.frames)),
         labels=tuple(f"learned: {name}" for name in skill.subtasks),
     )
-
-
-def last_frame(robot: Robot) -> str:
-    """The frame that the most joints move; of several, the last in the file."""
-    model = robot.model
-    moving = [sum(model.joints[j].coordinate >= 0 for j in joints) for joints in model.joints_of_body]
-    counts = [sum(moving[b] for b in model.path(frame.body)) for frame in model.frames]
-    return robot.frame_names[max(range(len(counts)), key=lambda i: (counts[i], i))]
