@@ -165,6 +165,7 @@ def load_lula(urdf: str | os.PathLike, xrdf: str | os.PathLike, rmpflow_yaml: st
         UnknownNameError.check("frame", name, robot.frame_names, hint)
     posture = np.array([defaults[name] for name in robot.joint_names])
     buffers = settings.joint_limit_buffers[[cspace.index(name) for name in robot.joint_names]]
+    robot.check_ranges(robot.lower + buffers, robot.upper - buffers)
     gains = {name: dict(section) for name, section in settings.gains.items()}
     cspace_inertia, damping_inertia = gains["cspace_target_rmp"].pop("inertia"), gains["damping_rmp"].pop("inertia")
     cloud = gains.get("point_cloud_obstacle_rmp")
