@@ -43,13 +43,15 @@ def read_xrdf(path: str | os.PathLike) -> Xrdf:
     """
     repeats = []
     top = read_yaml(path, repeats)
+    told: dict[type[FileWarning], list[str]] = {UnsafeFileWarning: [], FileWarning: []}
     for setting, first, same in repeats:
         covers = setting.key.split(".")[0] in ("geometry", "collision", "world_collision")
-        what = "with the same value" if same else "with another value, and the last counts"
-        kind = UnsafeFileWarning if covers and not same else FileWarning
-        _warn(
-            f"{path}: key {setting.key}, line {setting.line}, was given in line {first.line} {what}. Leave one.", kind
-        )
+        said = f"key {setting.key}, line {setting.line}, was given in line {first.line} with "
+        said += "the same value" if same else "another value, and the last counts"
+        told[UnsafeFileWarning if covers and not same else FileWarning].append(said)
+    for kind, sentences in told.items():
+        if sentences:
+            _warn(f"{path}: {'; '.join(sentences)}. Leave one of each.", kind)
     keys = top.keys(
         ["format", "cspace"],
         [

@@ -8,7 +8,7 @@ from .._errors import DemonstrationError
 
 _LEAVES = 0.03  # m: a path that comes back without having been further away only trembles
 _PART = 0.15  # or this part of its extent
-_CLOSED = 0.05  # of the extent, between start and end
+_CLOSED = 0.1  # of the extent, between start and end: no kernel is as narrow
 
 
 def check_paths(

@@ -34,7 +34,7 @@ def fit_to_robot(demonstrations: DemonstrationSet, robot: Robot) -> Demonstratio
     for j, (name, (lower, upper, fastest)) in enumerate(zip(robot.joint_names, limits, strict=True)):
         turns = joints[name].kind == "revolute"
         paths = [q[:, j] for q in recorded]
-        places = [f"joint {name!r} in demonstration {k}" for k in range(len(paths))]
+        places = [f"demonstration {k}: joint {name!r}" for k in range(len(paths))]
         if turns:
             for path, place in zip(paths, places, strict=True):
                 check_angles(path, lower, upper, place)
@@ -47,7 +47,7 @@ def fit_to_robot(demonstrations: DemonstrationSet, robot: Robot) -> Demonstratio
         if turns:
             paths = one_turn_for_all(paths, lower, upper, places, told)
         for time, path, place in zip(times, paths, places, strict=True):
-            check_speed(time, path, fastest, turns, place)
+            check_speed(time, path, fastest, turns, place, told)
         for q, path in zip(recorded, paths, strict=True):
             q[:, j] = path
     if told:

@@ -72,7 +72,7 @@ class JointLimit(SeparableGDS):
             bad = np.flatnonzero(~(np.isfinite(lower) & np.isfinite(upper) & (lower < upper)))
             if bad.size:
                 raise RobotError(
-                    f"joint ranges must be finite with lower < upper; coordinates {bad.tolist()} have lower "
+                    f"joint ranges must be finite with lower < upper; joints {bad.tolist()} have lower "
                     f"{lower[bad].tolist()} and upper {upper[bad].tolist()}. For a robot's joints, "
                     "policies.joint_limits(robot) selects those that have limits; otherwise "
                     "pullback(Selection(...), JointLimit(...))."

@@ -74,9 +74,9 @@ def test_what_is_right_is_left_alone(robot):
 
 def test_angles_are_counted_through_where_a_recorder_wraps_them(robot):
     """The paths are those that were not wrapped, by whole turns the same in all demonstrations."""
-    with pytest.warns(FileWarning, match=r"joint 'yaw' in demonstration 0 jumps by a turn at sample \d+") as said:
+    with pytest.warns(FileWarning, match=r"demonstration 0: joint 'yaw' jumps by a turn at sample \d+") as said:
         fitted = fit_to_robot(recordings(wrap), robot)
-    assert "joint 'roll' in demonstration 2 jumps" in str(said[0].message) and len(said) == 1
+    assert "demonstration 2: joint 'roll' jumps" in str(said[0].message) and len(said) == 1
     turns = (positions(fitted) - positions(recordings())) / (2 * np.pi)
     np.testing.assert_allclose(turns, np.broadcast_to(turns[0, 0].round(), turns.shape), atol=1e-12)
 
@@ -86,7 +86,7 @@ def test_a_wrap_that_would_leave_the_limits_is_brought_back(robot):
         q[:, SHOULDER] %= 2 * np.pi
         return time, q
 
-    with pytest.warns(FileWarning, match="joint 'shoulder' in demonstration 1 jumps by a turn"):
+    with pytest.warns(FileWarning, match="demonstration 1: joint 'shoulder' jumps by a turn"):
         fitted = fit_to_robot(recordings(wrapped_from_zero), robot)
     np.testing.assert_allclose(positions(fitted), positions(recordings()), atol=1e-12)
 
@@ -97,7 +97,7 @@ def test_demonstrations_that_are_turns_off_the_others_are_brought_to_them(robot)
         q[:, SHOULDER] += 2 * np.pi  # beyond its limits
         return time, q
 
-    with pytest.warns(FileWarning, match=r"'yaw' in demonstration 1 is 1 turns off .*'roll' in .* 1 is 2 turns off"):
+    with pytest.warns(FileWarning, match=r"1: joint 'yaw' is 1 turns off .* 1: joint 'roll' is 2 turns off"):
         fitted = fit_to_robot(recordings(turned, which=(1,)), robot)
     np.testing.assert_allclose(positions(fitted), positions(recordings()), atol=1e-12)
 
@@ -113,20 +113,20 @@ def jump(by, joint=YAW, at=60):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (jump(4.5), r"joint 'yaw' in demonstration 1 jumps by 4.5\d rad at sample 60, .* nor a whole turn"),
-        (jump(-2.5), r"joint 'yaw' in demonstration 1 jumps by -2.4\d rad at sample 60, faster than"),
-        (jump(1.5, SHOULDER), r"joint 'shoulder' in demonstration 1 jumps by 1.5\d rad at sample 60, faster than"),
-        (scaled(SHOULDER), r"joint 'shoulder' in demonstration 1 is .* rad outside its limits at sample .* degrees"),
-        (scaled(ELBOW), r"joint 'elbow' in demonstration 1 is .* outside its limits .* in degrees \(.*numpy.deg2rad"),
-        (scaled(ROLL), r"joint 'roll' in demonstration 1 is at -19\d.* at sample 119, 31 turns .* degrees"),
-        (scaled(YAW, SHOULDER, ELBOW, ROLL), r"joint 'yaw' in demonstration 1 is at .* turns .* degrees"),
-        (lambda t, q: scaled(YAW)(t, q - LAST), r"joint 'yaw' in demonstration 1 is at .* turns.* degrees"),
-        (scaled(LIFT, by=1000), r"joint 'lift' in demonstration 1 is 3\d\d m outside .* millimetres .*/ 1000"),
+        (jump(4.5), r"demonstration 1: joint 'yaw' jumps by 4.5\d rad at sample 60, .* nor a whole turn"),
+        (jump(-2.5), r"demonstration 1: joint 'yaw' jumps by -2.4\d rad at sample 60, faster than"),
+        (jump(1.5, SHOULDER), r"demonstration 1: joint 'shoulder' jumps by 1.5\d rad at sample 60, faster than"),
+        (scaled(SHOULDER), r"demonstration 1: joint 'shoulder' is .* rad outside its limits at sample .* degrees"),
+        (scaled(ELBOW), r"demonstration 1: joint 'elbow' is .* outside its limits .* in degrees \(.*numpy.deg2rad"),
+        (scaled(ROLL), r"demonstration 1: joint 'roll' is at -19\d.* at sample 119, 31 turns .* degrees"),
+        (scaled(YAW, SHOULDER, ELBOW, ROLL), r"demonstration 1: joint 'yaw' is at .* turns .* degrees"),
+        (lambda t, q: scaled(YAW)(t, q - LAST), r"demonstration 1: joint 'yaw' is at .* turns.* degrees"),
+        (scaled(LIFT, by=1000), r"demonstration 1: joint 'lift' is 3\d\d m outside .* millimetres .*/ 1000"),
         (lambda t, q: (1e3 * t, q), "demonstration 1 lasts 4000 s, 33.6 s .* like milliseconds. Divide them by 1e3"),
         (lambda t, q: (np.round(5e6 * t), scaled(YAW)(t, q)[1]), "demonstration 1 lasts 2e.07 s.* like microseconds"),
         (lambda t, q: (1e18 + 1e9 * t, q), "demonstration 1 lasts 4e.09 s.*nanoseconds"),
-        (lambda t, q: (t / 1e3, q), "'yaw' in demonstration 1 moves at .* its velocity limit is 2.*stamps not in s"),
-        (lambda t, q: (t, wrap_degrees(q)), r"joint '(yaw|roll)' in demonstration 1 is at .* degrees"),
+        (lambda t, q: (t / 1e3, q), "1: joint 'yaw' moves at .* its velocity limit is 2.*stamps not in s"),
+        (lambda t, q: (t, wrap_degrees(q)), r"demonstration 1: joint '(yaw|roll)' is at .* degrees"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_is_refused_by_demonstration_joint_and_sample(robot, change, message):
@@ -144,6 +144,13 @@ def test_slow_degrees_near_zero_are_known_by_their_speed(robot, joint):
 
     with pytest.raises(DemonstrationError, match="moves at .* rad/s at sample .*in degrees"):
         fit_to_robot(recordings(change), robot)
+
+
+def test_a_short_slip_is_named_and_kept(robot):
+    with pytest.warns(
+        FileWarning, match="demonstration 1: joint 'shoulder' moves at .* its velocity limit is 2. That is"
+    ):
+        fit_to_robot(recordings(jump(0.7, SHOULDER), which=(1,)), robot)
 
 
 def test_columns_of_fingers_are_left_out_where_the_robot_knows_them(robot):

@@ -4,7 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxrmp import ConfigurationError, FileWarning, UnknownNameError, UnsafeFileWarning
+from jaxrmp import ConfigurationError, FileWarning, RobotError, UnknownNameError, UnsafeFileWarning
 from jaxrmp.io import load_lula
 from jaxrmp.io._yaml import read_yaml
 from jaxrmp.kinematics import forward_kinematics
@@ -185,6 +185,17 @@ def test_of_a_key_given_twice_the_last_counts(load):
         load("xrdf", 'tool_frames: ["tip"]\n', 'tool_frames: ["tip"]\ntool_frames: ["tip"]\n')
 
 
+def test_default_positions_of_joints_that_follow_are_left_out(load):
+    follower = '<joint name="jaw" type="prismatic"><parent link="finger"/><child link="jaw"/><axis xyz="0 1 0"/>'
+    follower += '<limit lower="0" upper="0.2" velocity="1" effort="1"/><mimic joint="slide" multiplier="2"/></joint>'
+    load("urdf", '  <joint name="end"', f'<link name="jaw"/>{follower}<joint name="end"')
+    assert load("xrdf", "slide: .05}", "slide: .05, jaw: 0.1004}").robot.num_joints == 2
+    with pytest.warns(FileWarning, match=r"jaw \(it follows slide, to 0.1\) are left out"):
+        load("xrdf", "jaw: 0.1004", "jaw: 0.02")
+    robot = load("xrdf", "slide: .05, ", "").robot  # the joint that it follows has no default of its own
+    assert {j.name: round(j.offset, 6) for j in robot.model.joints if j.coordinate < 0} == {"slide": 0.01, "jaw": 0.02}
+
+
 def test_defaults_are_rounded_to_limits_and_missing_ones_named(load):
     policy = load("xrdf", "slide: .05", "slide: -0.0008")
     assert next(joint.offset for joint in policy.robot.model.joints if joint.name == "slide") == 0.0
@@ -230,6 +241,7 @@ def test_entries_that_never_act_are_accepted_and_reported(load):
         ("yaml", "accel_d_gain: 85.", "accel_p_gain: 85.", ConfigurationError, "line 25, was given in line 24"),
         ("yaml", "[.01, .02]", "[.01]", ConfigurationError, "joint_limit_buffers, line 1: expected a list of 2"),
         ("yaml", "[.01, .02]", "[.01, -.02]", ConfigurationError, "joint_limit_buffers, line 1: .*not be negative"),
+        ("yaml", "[.01, .02]", "[2.5, .02]", RobotError, "leave no range: elbow from 1.5 to 0.5"),
         ("yaml", "projection_tolerance: .01", "projection_tolerance: 0", ConfigurationError, "must be positive"),
         ("yaml", "verbose: false", "verbose: 3", ConfigurationError, "expected true or false, received '3'"),
         ("yaml", "- name: tip", "- name: tipp", UnknownNameError, r"frame 'tipp'.*Did you mean 'tip'.*line 63"),
