@@ -48,12 +48,16 @@ def within_limits(q: np.ndarray, lower: float, upper: float, place: str, told: l
 def one_turn_for_all(
     paths: list[np.ndarray], lower: float, upper: float, places: list[str], told: list[str]
 ) -> list[np.ndarray]:
-    """Angles `paths` of one joint in all demonstrations, by whole turns so that they end within half a turn of each
-    other; as few as can be are changed, within the limits, and named in `told`."""
+    """Angles `paths` of one joint in all demonstrations, by whole turns so that equal postures at the end are equal
+    numbers; as few as can be are changed, within the limits, and named in `told`."""
 
     def towards(end: float) -> list[int]:
-        needed = [round((end - path[-1]) / _TURN) for path in paths]
-        return [n if _inside(path + _TURN * n, lower, upper) else 0 for n, path in zip(needed, paths, strict=True)]
+        needed = []
+        for path in paths:
+            n = round((end - path[-1]) / _TURN)
+            is_same = abs(end - path[-1] - _TURN * n) < np.pi / 2
+            needed.append(n if is_same and _inside(path + _TURN * n, lower, upper) else 0)
+        return needed
 
     turns = min((towards(path[-1]) for path in paths), key=lambda turns: sum(n != 0 for n in turns))
     for n, place in zip(turns, places, strict=True):
