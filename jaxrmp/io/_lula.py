@@ -12,12 +12,14 @@ from .._errors import ConfigurationError, ShapeError, UnknownNameError
 from .._pytree import pytree, static
 from .._tree import Batched, Leaf, Node, batched, pullback
 from .._trust_region import resolve_within
-from ..kinematics import ControlPoints, FrameAxes, Robot, load_robot
+from ..kinematics import ControlPoints, FrameAxes, Robot
 from ..leaves import lula
 from ..world import ObstacleDistances, RobotSpheres, Spheres, World
 from ._axes_and_position import AxesAndPosition
 from ._rmpflow_yaml import read_rmpflow
 from ._xrdf import read_xrdf
+from ._xrdf_joints import load_with_defaults
+from ._xrdf_modifiers import modified
 
 
 @pytree
@@ -136,7 +138,9 @@ class LulaPolicy:
 def load_lula(urdf: str | os.PathLike, xrdf: str | os.PathLike, rmpflow_yaml: str | os.PathLike) -> LulaPolicy:
     """Read a policy of NVIDIA's Lula or cuMotion from its three files.
 
-    Joints outside the XRDF's `cspace` are locked at its `default_joint_positions`. Meshes need not be there.
+    Joints outside the XRDF's `cspace` are locked at its `default_joint_positions`; its `modifiers` add frames and set
+    the base. Meshes need not be there. What the files say and no policy acts on is in a `FileWarning`; if no sphere is
+    left for obstacles, in an `UnsafeFileWarning`.
 
     **Arguments**: `urdf`, the robot; `xrdf`, its description, with the spheres for obstacles; `rmpflow_yaml`, the
     constants of the leaves.
@@ -152,23 +156,16 @@ def load_lula(urdf: str | os.PathLike, xrdf: str | os.PathLike, rmpflow_yaml: st
     NVIDIA, "Lula RMPflow" and "Extended Robot Description Format"; the same numbers as cuMotion 1.1.0 to rounding.
     """
     description = read_xrdf(xrdf)
-    defaults = description.default_joint_positions
-    locked = {name: value for name, value in defaults.items() if name not in description.joint_names}
-    robot = load_robot(urdf, fixed=locked)
-    for name in description.joint_names:
-        robot.joint_index(name)
-    free = [name for name in robot.joint_names if name not in description.joint_names]
-    if free:
-        raise ConfigurationError(
-            f"{xrdf}: joints {free} of {urdf} are neither in cspace nor in default_joint_positions. "
-            "Give them a position."
-        )
-    settings = read_rmpflow(rmpflow_yaml, len(description.joint_names))
+    robot, defaults = load_with_defaults(urdf, description, str(xrdf))
+    robot = modified(robot, description.modifiers)
+    cspace = description.joint_names.texts()
+    settings = read_rmpflow(rmpflow_yaml, len(cspace))
     for name, setting in (*description.lines.items(), *settings.controller_lines.items()):
         hint = f"{setting.source} names it in line {setting.line}."
         UnknownNameError.check("frame", name, robot.frame_names, hint)
-    posture = np.array([description.default_joint_positions[name] for name in robot.joint_names])
-    buffers = settings.joint_limit_buffers[[description.joint_names.index(name) for name in robot.joint_names]]
+    posture = np.array([defaults[name] for name in robot.joint_names])
+    buffers = settings.joint_limit_buffers[[cspace.index(name) for name in robot.joint_names]]
+    robot.check_ranges(robot.lower + buffers, robot.upper - buffers)
     gains = {name: dict(section) for name, section in settings.gains.items()}
     cspace_inertia, damping_inertia = gains["cspace_target_rmp"].pop("inertia"), gains["damping_rmp"].pop("inertia")
     cloud = gains.get("point_cloud_obstacle_rmp")

@@ -1,75 +1,112 @@
 """NVIDIA's Extended Robot Description Format: what a URDF does not say."""
 
 import os
+import warnings
 from typing import NamedTuple
 
 import numpy as np
 
-from .._errors import ConfigurationError, UnknownNameError
+from .._errors import ConfigurationError, FileWarning, UnknownNameError, UnsafeFileWarning
 from ..world import RobotSpheres
 from ._yaml import Setting, read_yaml
 
+_NEWEST = 2.0  # format_version
+# In files, but nothing that an RMPflow policy goes by: other planners use them.
+_INACTIVE_IN_CSPACE = (
+    *("acceleration_limits", "jerk_limits", "velocity_limits", "default_cspace_position"),
+    *("retract_config", "cspace_distance_weight", "null_space_weight"),
+)
+
 
 class Xrdf(NamedTuple):
-    """What a robot description says: joints, their default positions, frames, and spheres."""
+    """What a robot description says: joints, their default positions, frames, spheres, and changes of the frames.
 
-    joint_names: tuple[str, ...]
-    default_joint_positions: dict[str, float]
+    `lines` tells where a frame was named, for errors.
+    """
+
+    joint_names: Setting
+    default_joint_positions: dict[str, Setting]
     tool_frames: tuple[str, ...]
     world_spheres: RobotSpheres
-    lines: dict[str, Setting]  # where a frame was named, for errors
+    modifiers: list[Setting]
+    lines: dict[str, Setting]
 
 
 def read_xrdf(path: str | os.PathLike) -> Xrdf:
     """Read an XRDF file of format version 1 or 2.
 
-    **Raises** `ConfigurationError` naming the key and the line of a value that is missing or of a wrong type, of a
-    negative radius, and for `modifiers`, which change the kinematics; `UnknownNameError` for a key that is not XRDF's.
+    A radius below zero is a sphere where its frame's buffer makes it positive, and none otherwise. Of a key given
+    twice the last counts. Warns with `FileWarning` of that, of spheres that are off and of keys that nothing acts on;
+    with `UnsafeFileWarning` if there are no spheres, or two lists of them for one frame.
+    **Raises** `ConfigurationError` naming the key and the line of a value that is missing or of a wrong type;
+    `UnknownNameError` for a key that is not XRDF's.
     """
-    top = read_yaml(path)
+    repeats = []
+    top = read_yaml(path, repeats)
+    told: dict[type[FileWarning], list[str]] = {UnsafeFileWarning: [], FileWarning: []}
+    for setting, first, same in repeats:
+        covers = setting.key.split(".")[0] in ("geometry", "collision", "world_collision")
+        said = f"key {setting.key}, line {setting.line}, was given in line {first.line} with "
+        said += "the same value" if same else "another value, and the last counts"
+        told[UnsafeFileWarning if covers and not same else FileWarning].append(said)
+    for kind, sentences in told.items():
+        if sentences:
+            _warn(f"{path}: {'; '.join(sentences)}. Leave one of each.", kind)
     keys = top.keys(
-        ["format", "default_joint_positions", "cspace", "geometry"],
-        ["format_version", "tool_frames", "collision", "world_collision", "self_collision", "modifiers"],
+        ["format", "cspace"],
+        [
+            *("format_version", "default_joint_positions", "tool_frames", "modifiers", "geometry"),
+            *("collision", "world_collision", "self_collision"),
+        ],
     )
     if keys["format"].text() != "xrdf":
         keys["format"].refuse("xrdf")
-    if "modifiers" in keys and keys["modifiers"].content:
-        keys["modifiers"].fail("modifiers are not supported; write their frames into the URDF")
-    joints = keys["cspace"].keys(["joint_names"], ["acceleration_limits", "jerk_limits", "velocity_limits"])
-    joint_names = tuple(joints["joint_names"].texts())
-    defaults = {name: value.number() for name, value in keys["default_joint_positions"].section().items()}
-    for name in joint_names:
-        if name not in defaults:
-            keys["default_joint_positions"].fail(f"joint {name} of cspace has no position here")
-    lines: dict[str, Setting] = {}
+    if "format_version" in keys and keys["format_version"].number() > _NEWEST:
+        _warn(f"{path}: format_version {keys['format_version'].content} is newer than {_NEWEST}, which is read here.")
+    cspace = keys["cspace"].keys(["joint_names"], _INACTIVE_IN_CSPACE)
+    inactive = [f"cspace.{key}" for key in _INACTIVE_IN_CSPACE if key in cspace]
     if "self_collision" in keys:
         # Lula's policies keep the arm off its own base by the capsules of their own file, not by this.
         keys["self_collision"].keys(["geometry"], ["ignore", "buffer_distance"])
+        inactive.append("self_collision")
+    if "collision" in keys and "world_collision" in keys:
+        inactive.append("collision")
+    if inactive:
+        _warn(f"{path}: no RMPflow policy acts on {', '.join(inactive)}.")
+    defaults = keys["default_joint_positions"].section() if "default_joint_positions" in keys else {}
     tools = keys["tool_frames"].texts() if "tool_frames" in keys else []
-    lines.update((frame, keys["tool_frames"]) for frame in tools)
-    return Xrdf(joint_names, defaults, tuple(tools), _world_spheres(keys, lines), lines)
+    lines: dict[str, Setting] = dict.fromkeys(tools, keys["tool_frames"]) if tools else {}
+    modifiers = keys["modifiers"].items() if "modifiers" in keys and keys["modifiers"].content else []
+    spheres = _world_spheres(keys, lines, str(path))
+    return Xrdf(cspace["joint_names"], defaults, tuple(tools), spheres, modifiers, lines)
 
 
-def _world_spheres(keys: dict[str, Setting], lines: dict[str, Setting]) -> RobotSpheres:
+def _world_spheres(keys: dict[str, Setting], lines: dict[str, Setting], path: str) -> RobotSpheres:
     collision = keys.get("world_collision", keys.get("collision"))
-    if collision is None:
-        return RobotSpheres((), np.zeros((0, 3)), np.zeros(0))
-    entries = collision.keys(["geometry"], ["buffer_distance"])
+    entries = collision.keys(["geometry"], ["buffer_distance"]) if collision else {}
+    if entries and "geometry" not in keys:
+        entries["geometry"].fail("the file has no section geometry, in which it would be")
     buffers = entries["buffer_distance"].section() if "buffer_distance" in entries else {}
     lines.update(buffers)
-    frames, centers, radii = [], [], []
-    for frame, sphere in _spheres(keys["geometry"], entries["geometry"], lines, ()):
+    frames, centers, radii, off = [], [], [], []
+    for frame, sphere in _spheres(keys["geometry"], entries["geometry"], lines, ()) if entries else ():
         numbers = sphere.keys(["center", "radius"])
-        radius = numbers["radius"].number()
-        if radius < 0:
-            numbers["radius"].fail(f"a radius must not be negative, received {radius}")
-        if frame in buffers:
-            radius += buffers[frame].number()
-            if radius < 0:
-                buffers[frame].fail(f"the distance leaves a sphere of {frame} the radius {radius:g}, less than nothing")
+        given = numbers["radius"].number()
+        radius = given + (buffers[frame].number() if frame in buffers else 0.0)
+        if given >= 0 > radius:
+            buffers[frame].fail(f"the distance leaves a sphere of {frame} the radius {radius:g}, less than nothing")
+        if given < 0 and radius <= 0:
+            off.append(frame)
+            continue
         frames.append(frame)
         centers.append(numbers["center"].numbers(3))
         radii.append(radius)
+    if off:
+        named = ", ".join(dict.fromkeys(off))
+        _warn(f"{path}: {len(off)} spheres of {named} are off, since their radius is below zero, as of places kept for "
+              "what is held. If it is held now, give them its radius.")  # fmt: skip
+    if not frames:
+        _warn(f"{path} gives the robot no spheres (world_collision): it avoids no obstacle.", UnsafeFileWarning)
     return RobotSpheres(tuple(frames), np.array(centers).reshape(-1, 3), np.array(radii))
 
 
@@ -89,3 +126,7 @@ def _spheres(geometry: Setting, name: Setting, lines: dict[str, Setting], within
             lines.setdefault(frame, spheres)
             for sphere in spheres.items():
                 yield frame, sphere
+
+
+def _warn(what: str, kind: type[FileWarning] = FileWarning) -> None:
+    warnings.warn(what, kind, stacklevel=4)

@@ -9,7 +9,7 @@ import math
 import os
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any, NamedTuple, NoReturn
 
 from .._errors import ConfigurationError, UnknownNameError, importing
 
@@ -99,8 +99,19 @@ class Setting:
 _BOOLEANS = {"true": True, "yes": True, "on": True, "false": False, "no": False, "off": False}
 
 
-def read_yaml(path: str | os.PathLike) -> Setting:
-    """Read a YAML file. **Raises** `ConfigurationError` if it cannot be read, or names a key twice."""
+class Repeat(NamedTuple):
+    """A key that was given again: the last `setting` counts, as for other readers; was it `same` as the `first`?"""
+
+    setting: Setting
+    first: Setting
+    same: bool
+
+
+def read_yaml(path: str | os.PathLike, repeats: list[Repeat] | None = None) -> Setting:
+    """Read a YAML file. Keys that are given again are added to `repeats`.
+
+    **Raises** `ConfigurationError` if it cannot be read, or, without a list of `repeats`, names a key twice.
+    """
     with importing("PyYAML", "formats"):
         import yaml
     source = str(path)
@@ -113,23 +124,33 @@ def read_yaml(path: str | os.PathLike) -> Setting:
         raise ConfigurationError(f"{source} is not YAML: {' '.join(str(error).split())}") from error
     if node is None:
         raise ConfigurationError(f"{source} is empty.")
-    return _setting(yaml, node, "", source, node.start_mark.line + 1)
+    return _setting(yaml, node, "", source, node.start_mark.line + 1, repeats)
 
 
-def _setting(yaml, node, key: str, source: str, line: int) -> Setting:
+def _setting(yaml, node, key: str, source: str, line: int, repeats: list[Repeat] | None) -> Setting:
     if isinstance(node, yaml.MappingNode):
         section: dict[str, Setting] = {}
         for name_node, value in node.value:
             name, at = str(name_node.value), name_node.start_mark.line + 1
             path = f"{key}.{name}" if key else name
-            if name in section:
-                raise ConfigurationError(f"{source}: key {path}, line {at}, was given in line {section[name].line}.")
-            section[name] = _setting(yaml, value, path, source, at)
+            first = section.get(name)
+            if first and repeats is None:
+                raise ConfigurationError(f"{source}: key {path}, line {at}, was given in line {first.line}.")
+            section[name] = _setting(yaml, value, path, source, at, repeats)
+            if first and repeats is not None:
+                repeats.append(Repeat(section[name], first, _plain(section[name]) == _plain(first)))
         return Setting(section, key, line, source)
     if isinstance(node, yaml.SequenceNode):
         entries = enumerate(node.value)
         return Setting(
-            [_setting(yaml, entry, f"{key}[{i}]", source, entry.start_mark.line + 1) for i, entry in entries],
+            [_setting(yaml, entry, f"{key}[{i}]", source, entry.start_mark.line + 1, repeats) for i, entry in entries],
             *(key, line, source),
         )
     return Setting(node.value, key, line, source, is_quoted=node.style in ("'", '"'))
+
+
+def _plain(setting: Setting) -> Any:
+    content = setting.content
+    if isinstance(content, dict):
+        return {key: _plain(value) for key, value in content.items()}
+    return [_plain(entry) for entry in content] if isinstance(content, list) else content

@@ -8,7 +8,7 @@ from typing import Literal, NamedTuple
 import jax
 import numpy as np
 
-from .._errors import ShapeError, UnknownNameError
+from .._errors import RobotError, ShapeError, UnknownNameError
 from .._pytree import as_floats, pytree, set_field, static
 
 Vector = tuple[float, float, float]
@@ -166,6 +166,14 @@ class Robot:
         rows, q = list(self.limited), np.zeros(self.num_joints)
         q[rows] = (np.asarray(self.lower)[rows] + np.asarray(self.upper)[rows]) / 2
         return q
+
+    def check_ranges(self, lower=None, upper=None) -> None:
+        """**Raises** `RobotError`, by name, if a joint's range from `lower` to `upper` [n], the limits, is empty."""
+        low, high = (np.asarray(b if a is None else a) for a, b in ((lower, self.lower), (upper, self.upper)))
+        empty = [f"{name} from {a:g} to {b:g}" for name, a, b in zip(self.joint_names, low, high, strict=True)
+                 if not a < b]  # fmt: skip
+        if empty:
+            raise RobotError(f"robot {self.name!r}: the limits of these joints leave no range: {', '.join(empty)}.")
 
     @property
     def frame_names(self) -> tuple[str, ...]:

@@ -34,8 +34,10 @@ def read_table(file: Path, joint_names: tuple[str, ...] | None) -> tuple[Demonst
     taken = {"time"}.union(*pose_columns.values())
     found = tuple(name for name in header if name not in taken)
     if joint_names is not None and set(found) != set(joint_names):
+        extra = [name for name in found if name not in joint_names]
         raise DemonstrationError(
             f"{file}: the joint columns are {list(found)}, expected {list(joint_names)} (meta.json, or the first file)."
+            + (f" Leave out the columns {extra}, or name them everywhere." if extra else "")
         )
     joint_names = joint_names or found
     if not joint_names:

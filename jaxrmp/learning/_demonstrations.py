@@ -57,6 +57,9 @@ class DemonstrationSet:
     def __post_init__(self):
         object.__setattr__(self, "demonstrations", tuple(self.demonstrations))
         object.__setattr__(self, "joint_names", tuple(str(name) for name in self.joint_names))
+        twice = [name for name in self.joint_names if self.joint_names.count(name) > 1]
+        if twice:
+            raise DemonstrationError(f"joint_names has {twice[0]!r} twice ({self.source}): one column a joint.")
         if len(self.demonstrations) < 2:
             raise DemonstrationError(
                 f"received {len(self.demonstrations)} demonstration(s) ({self.source}), but learning needs at least "

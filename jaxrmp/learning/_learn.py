@@ -13,8 +13,10 @@ import numpy as np
 from .._errors import DemonstrationError
 from ..kinematics import Robot, forward_kinematics, frame_poses
 from ..leaves import Learned, NominalPotential
+from ._closed_paths import check_paths
 from ._configuration import Configuration, MetricSettings
 from ._demonstrations import Demonstration, DemonstrationSet
+from ._fit_to_robot import fit_to_robot
 from ._metric_training import MetricFit, train_metrics
 from ._nominal import nominal_demonstration
 from ._potential_choice import PotentialChoice, choose_potential
@@ -24,7 +26,6 @@ from ._subtask_trajectories import SubtaskTrajectories, subtask_trajectories
 from ._support import support_of_samples
 
 Progress = Callable[[str, float], None]
-_BEYOND_LIMITS = 0.2  # rad or m: recordings may sit a little outside a model's limits, degrees do not
 
 
 class PreparedDemonstrations(NamedTuple):
@@ -128,12 +129,14 @@ def prepare(configuration: Configuration, robot: Robot, demonstrations: Demonstr
 
     The object's frame is its pose at each demonstration's first sample; if the configuration or the whole set has no
     tracked object, it has the axes of the robot's `base` frame and its origin at the mean final position of the first
-    control point. The demonstrations' joints may be in another order than the robot's.
+    control point. The demonstrations are made the robot's own first, as `fit_to_robot` does.
 
-    **Arguments**: `configuration`; its `robot`; `demonstrations`. **Raises** `DemonstrationError` if the joints are not
-    the robot's, or the object moves during a demonstration; and what `preprocess` and `subtask_trajectories` raise.
+    **Arguments**: `configuration`; its `robot`; `demonstrations`. **Raises** `DemonstrationError` if the object moves
+    during a demonstration, or a control point ends where it began or crosses its own path, which no stable policy can
+    follow; and what `fit_to_robot`, `preprocess` and `subtask_trajectories` raise.
     """
-    joints = preprocess(_in_robot_order(demonstrations, robot), configuration.preprocessing)
+    recorded = fit_to_robot(demonstrations, robot)
+    joints = preprocess(recorded, configuration.preprocessing)
     frames, offsets = control_point_frames(configuration)
     world_points = [control_points(robot, frames, offsets, q) for q in joints.q]
     with jax.enable_x64(True):
@@ -142,8 +145,9 @@ def prepare(configuration: Configuration, robot: Robot, demonstrations: Demonstr
     tracked = bool(configuration.object and demonstrations.object_names)
     if tracked:
         tolerance = configuration.target.object_tolerance
-        recorded = [still_pose(d, configuration.object, tolerance, k) for k, d in enumerate(demonstrations)]
-        poses = T_world_base @ np.stack(recorded)
+        poses = T_world_base @ np.stack(
+            [still_pose(d, configuration.object, tolerance, k) for k, d in enumerate(demonstrations)]
+        )
     else:
         poses = np.tile(T_world_base, (len(world_points), 1, 1))
         poses[:, :3, 3] = np.mean([points[-1, 0] for points in world_points], axis=0)
@@ -155,29 +159,16 @@ def prepare(configuration: Configuration, robot: Robot, demonstrations: Demonstr
         taper=configuration.target.taper,
         end_tolerance=configuration.target.end_tolerance,
     )
+
+    def sample_of(k: int, n: int, fraction: float) -> int:
+        path = control_points(robot, frames[k : k + 1], offsets[k : k + 1], recorded[n].q)[:, 0]
+        length = np.concatenate([[0.0], np.linalg.norm(np.diff(path, axis=0), axis=1).cumsum()])
+        return int(np.searchsorted(length, fraction * length[-1]))
+
+    names = [subtask.name for subtask in configuration.subtasks]
+    check_paths(subtasks.positions, names, configuration.metric.spread, sample_of)
     frame = f"object {configuration.object}" if tracked else f"axes of {configuration.base}, origin at the mean end"
     return PreparedDemonstrations(joints, poses, points, subtasks, frame)
-
-
-def _in_robot_order(demonstrations: DemonstrationSet, robot: Robot) -> DemonstrationSet:
-    """The same demonstrations with their joints in the robot's order."""
-    if sorted(demonstrations.joint_names) != sorted(robot.joint_names):
-        raise DemonstrationError(
-            f"demonstrations have joints {list(demonstrations.joint_names)}, robot {robot.name!r} has "
-            f"{list(robot.joint_names)}. Name them alike, fix the robot's other joints (fixed_joints), or load the "
-            "right robot."
-        )
-    order = [demonstrations.joint_names.index(name) for name in robot.joint_names]
-    reordered = tuple(replace(d, q=d.q[:, order]) for d in demonstrations)
-    for k, demonstration in enumerate(reordered):
-        beyond = np.maximum(np.asarray(robot.lower) - demonstration.q, demonstration.q - np.asarray(robot.upper)).max(0)
-        if beyond.max() > _BEYOND_LIMITS:
-            name = robot.joint_names[beyond.argmax()]
-            raise DemonstrationError(
-                f"joint {name!r} is {beyond.max():.3g} (rad or m) outside its limits in demonstration {k}. Are the "
-                "recordings in degrees, or of another robot?"
-            )
-    return replace(demonstrations, demonstrations=reordered, joint_names=robot.joint_names)
 
 
 def still_pose(demonstration: Demonstration, name: str, tolerance: float, index: int = 0) -> np.ndarray:

@@ -112,6 +112,7 @@ def joint_leaves(robot: Robot, policy: PolicySettings) -> tuple[Damping, JointLi
     limited = list(robot.limited)
     if not limited:
         return damping, None, ()
+    robot.check_ranges()
     lower, upper = np.asarray(robot.lower)[limited], np.asarray(robot.upper)[limited]
     return damping, single(JointLimit(lower, upper, **policy.joint_limit)), tuple(limited)
 

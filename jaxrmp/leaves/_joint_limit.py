@@ -73,7 +73,8 @@ class JointLimit(SeparableGDS):
             if bad.size:
                 raise RobotError(
                     f"joint ranges must be finite with lower < upper; joints {bad.tolist()} have lower "
-                    f"{lower[bad].tolist()} and upper {upper[bad].tolist()}. Select the joints that have limits with "
+                    f"{lower[bad].tolist()} and upper {upper[bad].tolist()}. For a robot's joints, "
+                    "policies.joint_limits(robot) selects those that have limits; otherwise "
                     "pullback(Selection(...), JointLimit(...))."
                 )
         if self.rest is None:

@@ -18,8 +18,10 @@ def joint_limits(robot: Robot, leaf: Leaf | None = None, **gains: Any) -> Node:
 
     **Arguments**: `leaf`, on those joints alone, by default a `JointLimit` with `weight=0.05, damping_rate=5.0,
     barrier=0.003, reach=0.2`, as the scenes benchmark has it (docs/world.md); `gains`, parameters in place of the
-    leaf's. **Raises** as the leaf, and `TypeError` for a gain that it does not have.
+    leaf's. **Raises** as the leaf, `RobotError` by name for a joint whose range is empty, and `TypeError` for a gain
+    that the leaf does not have.
     """
+    robot.check_ranges()
     limits = np.asarray(robot.lower), np.asarray(robot.upper)
     lower, upper = (limit[list(robot.limited)] for limit in limits)
     leaf = leaf or JointLimit(lower, upper, weight=0.05, damping_rate=5.0, barrier=0.003, reach=0.2)

@@ -16,10 +16,8 @@ from .._tree import Node
 from ..inspection import goals
 from ._arrival import warn_if_out_of_reach
 from ._rollout import Rollout
-from ._stable_step import StiffnessWarning, warn_if_stiff
+from ._stable_step import StiffnessWarning, states_before_divergence, warn_if_stiff
 from ._step import Motion, command, euler
-
-_STATES_CHECKED = 8
 
 
 def rollout(
@@ -86,10 +84,10 @@ def _rolled(tree, q, qd, h, dt, steps, substeps, method) -> Rollout:
 
 
 def _check(tree: Node, path: Rollout, h: float, method: Method) -> None:
-    finite = np.isfinite(np.asarray(path.q)).all(1) & np.isfinite(np.asarray(path.qd)).all(1)
-    chosen = np.linspace(0, len(path.q) - 1, _STATES_CHECKED).round().astype(int)
+    q, qd = np.asarray(path.q), np.asarray(path.qd)
+    finite = np.isfinite(q).all(1) & np.isfinite(qd).all(1)
+    end = len(q) if finite.all() else max(int(finite.argmin()), 1)
     if not finite.all():
-        chosen = chosen[:1]  # states on the way to infinity say nothing about the step
         warnings.warn(
             f"the rollout is not finite from {float(path.time[finite.argmin()]):.3g} s on: the policy or the start "
             f"holds numbers that are not, or steps of {h:.3g} s are too long.",
@@ -97,5 +95,6 @@ def _check(tree: Node, path: Rollout, h: float, method: Method) -> None:
             stacklevel=3,
         )
     with contextlib.suppress(RolloutError):  # of a start that is no number, which the states show
+        chosen = states_before_divergence(tree, q[:end], qd[:end], h, method)
         warn_if_stiff(tree, path.q[chosen], path.qd[chosen], h, method, stacklevel=4)
     warn_if_out_of_reach(path, stacklevel=4)

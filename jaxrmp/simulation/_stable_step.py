@@ -38,7 +38,7 @@ def stable_step(tree: Node, q: jax.Array, qd: jax.Array, method: Method = "chole
     >>> round(stable_step(Damping(weight=1.0, damping_rate=20.0), jnp.zeros(2), jnp.ones(2)), 4)
     0.1
     """
-    return _step(*_worst(tree, q, qd, method))
+    return float(_step(*_worst(tree, q, qd, method)))
 
 
 def warn_if_stiff(
@@ -51,7 +51,7 @@ def warn_if_stiff(
     **Returns** the stable step, seconds.
     """
     k, w = _worst(tree, q, qd, method)
-    longest = _step(k, w)
+    longest = float(_step(k, w))
     if dt > longest / 2:
         what = "is unstable" if dt > longest else "may ring"
         warnings.warn(
@@ -65,8 +65,46 @@ def warn_if_stiff(
     return longest
 
 
+def states_before_divergence(
+    tree: Node, q: np.ndarray, qd: np.ndarray, dt: float, method: Method, count: int = 8
+) -> np.ndarray:
+    """Indices of up to `count` states of a rollout that tell how long its steps may be.
+
+    Once steps are too long, what follows says nothing about the policy: rates of absurd states are absurd. So the first
+    state where steps of `dt` are unstable is looked for, by ever finer parts of the path, and no state counts that
+    comes after the speed has doubled from there.
+
+    **Arguments**: `q`, `qd` [T, n], a rollout's; `dt`, seconds, of its steps; `method`, see `resolve`.
+    """
+    first, last = 0, len(q) - 1
+    while True:
+        chosen = np.linspace(first, last, count).round().astype(int)
+        k, w = _rates(tree, q[chosen], qd[chosen], method)
+        unstable = ~(dt <= _step(k, w))  # where rates are no numbers, too
+        if not unstable.any():
+            return chosen
+        at = int(unstable.argmax())
+        if at == 0 or chosen[at] - chosen[at - 1] <= 1:
+            break
+        first, last = chosen[at - 1], chosen[at]
+    sane, speed = int(chosen[at]), np.linalg.norm(np.asarray(qd, float), axis=1)
+    fast = np.flatnonzero(speed[sane:] > 2 * speed[: sane + 1].max())
+    end = sane + int(fast[0]) - 1 if fast.size else len(q) - 1
+    return np.linspace(sane, max(end, sane), count).round().astype(int)
+
+
 def _worst(tree: Node, q: jax.Array, qd: jax.Array, method: Method) -> tuple[float, float]:
     """Of the state with the shortest stable step: fastest damping rate, 1/s, and largest stiffness, 1/s^2."""
+    k, w = _rates(tree, q, qd, method)
+    if np.isnan(k).all():
+        at = (np.atleast_2d(np.asarray(part))[0].tolist() for part in (q, qd))
+        raise RolloutError("the policy's derivatives are not finite at q = {}, qd = {}.".format(*at))
+    worst = int(np.nanargmin(_step(k, w)))
+    return float(k[worst]), float(w[worst])
+
+
+def _rates(tree: Node, q, qd, method: Method) -> tuple[np.ndarray, np.ndarray]:
+    """Fastest damping rate and largest stiffness at each state [S], NaN where derivatives are not finite."""
     states = [jnp.atleast_2d(jnp.asarray(part, jnp.result_type(part, float))) for part in (q, qd)]
     if all(isinstance(leaf, jax.Array | np.ndarray | np.generic | float | int) for leaf in jax.tree.leaves(tree)):
         slopes = _slopes(tree, *states, method=method)
@@ -74,11 +112,10 @@ def _worst(tree: Node, q: jax.Array, qd: jax.Array, method: Method) -> tuple[flo
         slopes = jax.jit(lambda q, qd: _differences(tree, q, qd, method))(*states)
     D, K = (-np.asarray(slope, float) for slope in slopes)
     finite = (np.isfinite(D) & np.isfinite(K)).all((1, 2))
-    if not finite.any():
-        at = (np.asarray(part)[0].tolist() for part in states)
-        raise RolloutError("the policy's derivatives are not finite at q = {}, qd = {}.".format(*at))
-    rates = [np.linalg.eigvals(A[finite]).real.max(-1).clip(0) for A in (D, K)]
-    return min(zip(*(rate.tolist() for rate in rates), strict=True), key=lambda kw: _step(*kw))
+    rates = np.full((2, len(D)), np.nan)
+    for row, A in zip(rates, (D, K), strict=True):
+        row[finite] = np.linalg.eigvals(A[finite]).real.max(-1).clip(0)
+    return rates[0], rates[1]
 
 
 def _differences(tree: Node, q: jax.Array, qd: jax.Array, method: Method) -> tuple[jax.Array, jax.Array]:
@@ -99,6 +136,6 @@ def _differences(tree: Node, q: jax.Array, qd: jax.Array, method: Method) -> tup
 _slopes = partial(jax.jit, static_argnames="method")(_differences)
 
 
-def _step(k: float, w: float) -> float:
-    rate = k + (k * k + 4 * w) ** 0.5
-    return 4 / rate if rate > 0 else float("inf")
+def _step(k, w):
+    rate = np.asarray(k + (k * k + 4 * w) ** 0.5)
+    return np.where(rate == 0, np.inf, 4 / np.where(rate == 0, 1, rate))

@@ -4,9 +4,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxrmp import ConfigurationError, UnknownNameError
+from jaxrmp import ConfigurationError, FileWarning, RobotError, UnknownNameError, UnsafeFileWarning
 from jaxrmp.io import load_lula
 from jaxrmp.io._yaml import read_yaml
+from jaxrmp.kinematics import forward_kinematics
 
 URDF = """<robot name="two">
   <link name="base"/><link name="upper"/><link name="lower"/><link name="finger"/><link name="tip"/>
@@ -43,6 +44,11 @@ geometry:
         - center: [0.1, 0.0, 0.0]
           radius: 5e-2
 """
+
+ADD = (
+    "{add_frame: {frame_name: held, parent_frame_name: tip, joint_name: hold, joint_type: FIXED, fixed_transform: "
+    "{position: [0, 0, 0.1], orientation: {w: 0.0, xyz: [1.0, 0.0, 0.0]}}}}"
+)
 
 YAML = """joint_limit_buffers: [.01, .02]
 rmp_params:
@@ -113,10 +119,11 @@ body_collision_controllers:
 
 @pytest.fixture
 def load(tmp_path):
-    """Load the three files, after replacing the first text by the second in one of them."""
+    """Load the three files, after replacing the first text by the second in one of them, also for later calls."""
+
+    texts = {"urdf": URDF, "xrdf": XRDF, "yaml": YAML}
 
     def load(kind="yaml", old="", new=""):
-        texts = {"urdf": URDF, "xrdf": XRDF, "yaml": YAML}
         assert old in texts[kind]
         texts[kind] = texts[kind].replace(old, new, 1)
         for name, text in texts.items():
@@ -142,11 +149,76 @@ def test_what_the_files_say_is_what_the_policy_has(load):
     np.testing.assert_allclose(tip[0], [0.4 + 0.3 + 0.05 + 0.1, 0, 0.5], atol=1e-6)
 
 
+def test_modifiers_add_frames_and_set_the_base(load):
+    """The base's own frame is where the origin is; a frame that was added carries spheres and is a tool."""
+    urdf = '<link name="stand"/><joint name="mount" type="fixed"><parent link="stand"/><child link="base"/>'
+    load("urdf", '<link name="base"/>', urdf + '<origin xyz="1 2 3" rpy="0 0 1"/></joint><link name="base"/>')
+    load("xrdf", "tool_frames:", f"modifiers: [{ADD}, {{set_base_frame: base}}]\ntool_frames:")
+    policy = load("xrdf", '["tip"]', '["held"]')
+    tip, held, stand = forward(policy.robot, "tip", "held", "stand")
+    np.testing.assert_allclose(tip[:3, 3], [0.4 + 0.3 + 0.05 + 0.1, 0, 0.5], atol=1e-6)
+    np.testing.assert_allclose(held[:3, 3] - tip[:3, 3], [0, 0, 0.1], atol=1e-6)
+    np.testing.assert_allclose(held[:3, :3], np.diag([1, -1, -1]), atol=1e-6)
+    np.testing.assert_allclose(np.linalg.inv(stand)[:3, 3], [1, 2, 3], atol=1e-6)
+    assert policy.frame == "held"
+    assert policy.tree(position_target=jnp.ones(3))(jnp.zeros(2), jnp.zeros(2)).M.shape == (2, 2)
+
+
+def forward(robot, *frames):
+    return [np.asarray(forward_kinematics(robot, jnp.zeros(robot.num_joints), frame)) for frame in frames]
+
+
+def test_a_radius_below_zero_is_filled_by_its_buffer_or_off(load):
+    negative = "radius: 5e-2\n        - {center: [0, 0, 0], radius: -0.005}\n        - {center: [0, 0, 0], radius: -10}"
+    with pytest.warns(FileWarning, match="1 spheres of lower are off"):
+        policy = load("xrdf", "radius: 5e-2", negative)
+    np.testing.assert_allclose(policy.spheres.radii, [0.06, 0.005, 0.02])
+
+
+def test_of_a_key_given_twice_the_last_counts(load):
+    with pytest.warns(
+        UnsafeFileWarning, match=r"geometry\.arm\.spheres\.lower, line 23, was given in line 20 with another"
+    ):
+        policy = load("xrdf", "radius: 5e-2\n", "radius: 5e-2\n      lower: [{center: [0, 0, 0], radius: 0.04}]\n")
+    np.testing.assert_allclose(policy.spheres.radii, [0.05, 0.02])
+    with pytest.warns(FileWarning, match=r"tool_frames, line 9, was given in line 8 with the same value"):
+        load("xrdf", 'tool_frames: ["tip"]\n', 'tool_frames: ["tip"]\ntool_frames: ["tip"]\n')
+
+
+def test_default_positions_of_joints_that_follow_are_left_out(load):
+    follower = '<joint name="jaw" type="prismatic"><parent link="finger"/><child link="jaw"/><axis xyz="0 1 0"/>'
+    follower += '<limit lower="0" upper="0.2" velocity="1" effort="1"/><mimic joint="slide" multiplier="2"/></joint>'
+    load("urdf", '  <joint name="end"', f'<link name="jaw"/>{follower}<joint name="end"')
+    assert load("xrdf", "slide: .05}", "slide: .05, jaw: 0.1004}").robot.num_joints == 2
+    with pytest.warns(FileWarning, match=r"jaw \(it follows slide, to 0.1\) are left out"):
+        load("xrdf", "jaw: 0.1004", "jaw: 0.02")
+    robot = load("xrdf", "slide: .05, ", "").robot  # the joint that it follows has no default of its own
+    assert {j.name: round(j.offset, 6) for j in robot.model.joints if j.coordinate < 0} == {"slide": 0.01, "jaw": 0.02}
+
+
+def test_defaults_are_rounded_to_limits_and_missing_ones_named(load):
+    policy = load("xrdf", "slide: .05", "slide: -0.0008")
+    assert next(joint.offset for joint in policy.robot.model.joints if joint.name == "slide") == 0.0
+    with pytest.warns(FileWarning, match="says nothing of elbow at 0, slide at 0"):
+        policy = load("xrdf", "elbow: 1e-1, slide: -0.0008", "base_mount: 0.0")
+    np.testing.assert_allclose(policy.cspace_target.target, [0.1, 0])
+    with pytest.warns(FileWarning, match="default_joint_positions of base_mount are left out"):
+        load()
+
+
+def test_what_no_policy_acts_on_is_said(load):
+    with pytest.warns(FileWarning, match=r"acts on cspace\.acceleration_limits, cspace\.jerk_limits, self_collision"):
+        load("xrdf", "geometry:\n", "self_collision: {geometry: all, ignore: {lower: [finger]}}\ngeometry:\n")
+    with pytest.warns(UnsafeFileWarning, match="no spheres .*avoids no obstacle"):
+        load("xrdf", "collision:\n  geometry: all\n  buffer_distance: {lower: 0.01}\n", "")
+
+
 def test_entries_that_never_act_are_accepted_and_reported(load):
     trajectory = "cspace_trajectory_rmp: {p_gain: 100., d_gain: 10., ff_gain: .25, weight: 50.}\n    damping_rmp:"
     assert load("yaml", "damping_rmp:", trajectory).inactive == ("cspace_trajectory_rmp",)
     assert load("yaml", "accept_user_weights: no", "accept_user_weights: yes").inactive == (
         "axis_target_rmp.accept_user_weights",
+        "cspace_trajectory_rmp",
     )
 
 
@@ -169,6 +241,7 @@ def test_entries_that_never_act_are_accepted_and_reported(load):
         ("yaml", "accel_d_gain: 85.", "accel_p_gain: 85.", ConfigurationError, "line 25, was given in line 24"),
         ("yaml", "[.01, .02]", "[.01]", ConfigurationError, "joint_limit_buffers, line 1: expected a list of 2"),
         ("yaml", "[.01, .02]", "[.01, -.02]", ConfigurationError, "joint_limit_buffers, line 1: .*not be negative"),
+        ("yaml", "[.01, .02]", "[2.5, .02]", RobotError, "leave no range: elbow from 1.5 to 0.5"),
         ("yaml", "projection_tolerance: .01", "projection_tolerance: 0", ConfigurationError, "must be positive"),
         ("yaml", "verbose: false", "verbose: 3", ConfigurationError, "expected true or false, received '3'"),
         ("yaml", "- name: tip", "- name: tipp", UnknownNameError, r"frame 'tipp'.*Did you mean 'tip'.*line 63"),
@@ -177,18 +250,28 @@ def test_entries_that_never_act_are_accepted_and_reported(load):
         ("xrdf", "      lower:", "      lowr:", UnknownNameError, r"frame 'lowr'.*Did you mean 'lower'.*line 20"),
         ("xrdf", '["tip"]', '["tap"]', UnknownNameError, r"frame 'tap'.*line 8"),
         ("xrdf", "{lower: 0.01}", "{lour: 0.01}", UnknownNameError, "frame 'lour'.*line 11"),
-        ("xrdf", "radius: 5e-2", "radius: -5e-2", ConfigurationError, r"line 22: a radius must not be negative"),
         ("xrdf", "{lower: 0.01}", "{lower: -0.2}", ConfigurationError, r"buffer_distance\.lower, line 11: .* -0.15"),
         ("xrdf", "radius: 5e-2", "radius: wide", ConfigurationError, "line 22: expected a number, received 'wide'"),
         ("xrdf", "clone: arm", "clone: arn", UnknownNameError, "geometry 'arn'. Did you mean 'arm'"),
         ("xrdf", "clone: arm", "clone: all", ConfigurationError, "geometry clones itself"),
-        ("xrdf", ", slide: .05", "", ConfigurationError, r"joints \['slide'\].*neither in cspace nor in default"),
-        ("xrdf", "shoulder: 0.1, ", "", ConfigurationError, "joint shoulder of cspace has no position"),
-        ("xrdf", '"elbow", "shoulder"', '"elbow", "shulder"', ConfigurationError, "joint shulder of cspace has no"),
+        ("xrdf", "slide: .05", "slide: .12", ConfigurationError,
+         r"default_joint_positions\.slide, line 3: 0.12 is outside the limits of joint slide, from 0 to 0.1"),
+        ("xrdf", "shoulder: 0.1", "shoulder: -2.1", ConfigurationError, r"\.shoulder, line 3: -2.1 is outside"),
+        ("xrdf", '"elbow", "shoulder"', '"elbow", "shulder"', UnknownNameError, "joint 'shulder'.*mean 'shoulder'"),
+        ("xrdf", '"elbow", "shoulder"', '"elbow", "elbow"', ConfigurationError, "line 5: joint elbow is named twice"),
         ("xrdf", "tool_frames", "tools", UnknownNameError, "unknown key 'tools'"),
         ("xrdf", "format: xrdf", "format: urdf", ConfigurationError, "expected xrdf, received 'urdf'"),
         ("xrdf", "tool_frames:", "modifiers: [{set_base_frame: upper}]\ntool_frames:", ConfigurationError,
-         "modifiers are not supported"),
+         r"line 8: frame 'upper' is moved by joints \['shoulder'\]"),
+        ("xrdf", "tool_frames:", "modifiers: [{set_base_frame: bass}]\ntool_frames:", UnknownNameError,
+         r"frame 'bass'.*mean 'base'.*line 8"),
+        ("xrdf", "tool_frames:", "modifiers: [{set_base: base}]\ntool_frames:", UnknownNameError, "set_base_frame"),
+        ("xrdf", "tool_frames:", f"modifiers: [{ADD.replace('held', 'tip')}]\ntool_frames:", ConfigurationError,
+         "frame 'tip' is in the URDF"),
+        ("xrdf", "tool_frames:", f"modifiers: [{ADD.replace('FIXED', 'REVOLUTE')}]\ntool_frames:", ConfigurationError,
+         "only FIXED frames can be added, not REVOLUTE"),
+        ("xrdf", "tool_frames:", f"modifiers: [{ADD.replace('w: 0.0', 'w: 1.0')}]\ntool_frames:", ConfigurationError,
+         "unit quaternion, received one of length 1.414"),
     ],
 )  # fmt: skip
 def test_bad_input_is_refused_by_key_and_line(load, kind, old, new, error, match):

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxrmp import certificate, policies, uncertified_leaves
+from jaxrmp import RobotError, certificate, policies, uncertified_leaves
 from jaxrmp.kinematics import forward_kinematics, load_robot, load_robot_from_string, panda
 from jaxrmp.leaves import CollisionAvoidance, JointLimit
 from jaxrmp.policies import NOTHING
@@ -42,6 +42,12 @@ def spheres(arm):
 
 def names(node):
     return [leaf.name for leaf in node.leaves()]
+
+
+def test_limits_that_leave_no_range_are_named_by_joint(arm):
+    empty = replace(arm, lower=np.asarray(arm.upper))
+    with pytest.raises(RobotError, match=rf"leave no range: {arm.joint_names[0]} from "):
+        policies.joint_limits(empty)
 
 
 def test_limits_are_of_the_joints_that_have_them(arm):

@@ -1,6 +1,7 @@
 """The stable step: known rates, and what rollouts do on both sides of it."""
 
 import dataclasses
+import re
 import warnings
 
 import jax
@@ -103,3 +104,16 @@ def test_a_rollout_with_numbers_warns_and_a_traced_one_does_not():
         warnings.simplefilter("error")
         rollout(policy, X[:1], V[:1], duration=0.1, dt=0.025, substeps=2)
         jax.jit(lambda q: rollout(policy, q, duration=0.1, dt=0.025))(X[:1])
+
+
+@pytest.mark.parametrize(("stiffness", "start", "speed"), [(900.0, 2.0, 0.0), (1.0, 0.2, 40.0)])
+def test_advice_is_of_states_before_the_rollout_diverges(stiffness, start, speed):
+    """The farther out, the faster the damping; a path that diverges goes to where no step is short enough."""
+    drag = Partial(lambda x, xd: jnp.diag(1.0 + 50.0 * x * x))
+    policy = dataclasses.replace(linear([1.0], [stiffness], [0.0]), damping_of=drag)
+    with pytest.warns(StiffnessWarning, match="is unstable") as said:
+        path = rollout(policy, np.array([start]), np.array([speed]), duration=1.5, dt=0.05)
+    assert not np.isfinite(path.qd).all() or np.abs(path.qd).max() > 1e6
+    steps = [re.search(r"longest stable step here is (\S+) s", str(warning.message)) for warning in said]
+    (advice,) = (float(step[1]) for step in steps if step)
+    assert 1e-3 < advice < 0.05

@@ -1,0 +1,78 @@
+"""Demonstrations as a robot has them: its joints in its order, in radians and seconds, turns counted through."""
+
+import warnings
+from dataclasses import replace
+
+import numpy as np
+
+from .._errors import DemonstrationError, FileWarning
+from ..kinematics import Robot
+from ._demonstrations import DemonstrationSet
+from ._recorded_units import check_angles, check_range, check_speed, check_time
+from ._turns import one_turn_for_all, within_limits, without_wraps
+
+
+def fit_to_robot(demonstrations: DemonstrationSet, robot: Robot) -> DemonstrationSet:
+    """The same `demonstrations` with the joints of `robot`, in its order, and what a recorder did to them undone.
+
+    Columns of joints that are locked or follow others are left out. Angles that jump by a whole turn, as of recorders
+    that keep them within (-pi, pi], are counted through, and demonstrations that are whole turns off the others are
+    brought to theirs, as far as the joint's limits allow. A `FileWarning` says so by demonstration, joint and sample.
+
+    **Raises** `DemonstrationError`, by demonstration, joint and sample, for columns that are no joints of the robot,
+    joints without a column, time stamps that are not in seconds, angles that are not in radians (values far beyond the
+    limits, several turns, speeds far above the velocity limits), and jumps that no motion explains.
+    """
+    told: list[str] = []
+    columns = _columns(demonstrations, robot, told)
+    joints = {joint.name: joint for joint in robot.model.joints}
+    limits = zip(*(np.asarray(a, float) for a in (robot.lower, robot.upper, robot.velocity_limit)), strict=True)
+    times = [d.time for d in demonstrations]
+    recorded = [np.array(d.q[:, columns]) for d in demonstrations]
+    for k, (time, q) in enumerate(zip(times, recorded, strict=True)):
+        check_time(time, q, f"demonstration {k}")
+    for j, (name, (lower, upper, fastest)) in enumerate(zip(robot.joint_names, limits, strict=True)):
+        turns = joints[name].kind == "revolute"
+        paths = [q[:, j] for q in recorded]
+        places = [f"demonstration {k}: joint {name!r}" for k in range(len(paths))]
+        if turns:
+            for path, place in zip(paths, places, strict=True):
+                check_angles(path, lower, upper, place)
+            each = zip(times, paths, places, strict=True)
+            paths = [without_wraps(time, path, lower, upper, fastest, place, told) for time, path, place in each]
+            each = zip(paths, places, strict=True)
+            paths = [within_limits(path, lower, upper, place, told) for path, place in each]
+        for path, place in zip(paths, places, strict=True):
+            check_range(path, lower, upper, turns, place)
+        if turns:
+            paths = one_turn_for_all(paths, lower, upper, places, told)
+        for time, path, place in zip(times, paths, places, strict=True):
+            check_speed(time, path, fastest, turns, place, told)
+        for q, path in zip(recorded, paths, strict=True):
+            q[:, j] = path
+    if told:
+        warnings.warn(f"demonstrations ({demonstrations.source}): " + " ".join(told), FileWarning, stacklevel=3)
+    fitted = tuple(replace(d, q=q) for d, q in zip(demonstrations, recorded, strict=True))
+    return replace(demonstrations, demonstrations=fitted, joint_names=robot.joint_names)
+
+
+def _columns(demonstrations: DemonstrationSet, robot: Robot, told: list[str]) -> list[int]:
+    """The column of each of the robot's joints."""
+    given, wanted = demonstrations.joint_names, robot.joint_names
+    dependent = {joint.name for joint in robot.model.joints} - set(wanted)
+    missing = [name for name in wanted if name not in given]
+    foreign = [name for name in given if name not in wanted and name not in dependent]
+    if missing or foreign:
+        raise DemonstrationError(
+            f"demonstrations have joints {list(given)}, robot {robot.name!r} has {list(wanted)}. "
+            + (f"{foreign} are no joints of it, such as a gripper's: leave them out of the files. " if foreign else "")
+            + (
+                f"{missing} are not in the demonstrations: name them alike, or fix them (fixed_joints). "
+                * bool(missing)
+            )
+            + "Or load the right robot."
+        )
+    left_out = [name for name in given if name in dependent]
+    if left_out:
+        told.append(f"the columns of {left_out} are left out, since these joints are locked or follow others.")
+    return [given.index(name) for name in wanted]
