@@ -3,6 +3,7 @@
 import importlib
 import os
 import sys
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -25,7 +26,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         jax.config.update("jax_compilation_cache_dir", str(cache))
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
     try:
-        importlib.import_module(f"._{parsed.command}", __package__).run(parsed, rest)
+        with warnings.catch_warnings():
+            warnings.showwarning = _show_warning
+            importlib.import_module(f"._{parsed.command}", __package__).run(parsed, rest)
     except JaxrmpError as error:
         print(f"jaxrmp: {error}", file=sys.stderr)
         return 1
@@ -38,3 +41,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print("jaxrmp: interrupted; no file was left half-written", file=sys.stderr)
         return 130
     return 0
+
+
+def _show_warning(message, category, filename, lineno, file=None, line=None) -> None:
+    if issubclass(category, UserWarning):
+        print(f"jaxrmp: {message}", file=sys.stderr)

@@ -183,6 +183,19 @@ _COMMANDS: dict[str, tuple[str, str, str, list[tuple[str, dict[str, Any]]]]] = {
             *_PAGE,
         ],
     ),
+    "check": (
+        "say what is read of a file, what is left out, and what looks wrong",
+        "Of a robot (MJCF, URDF), a folder of demonstrations, a configuration, a skill or an XRDF: its facts as a "
+        "table, what is left out of it and why, and what looks wrong. Exit code 1 if anything of it is unsafe.",
+        "robot.urdf --json check.json",
+        [
+            _argument("FILE", "the file, or the folder of demonstrations", type=Path),
+            _argument("--robot FILE", "of demonstrations and XRDF: the robot that they are for", type=str),
+            _argument("--demos DIR", "of a configuration: demonstrations to check with it", type=str),
+            _argument("--rmpflow FILE", "of an XRDF: the RMPflow configuration beside it"),
+            _argument("--json FILE", "write the same as JSON; what could not be checked is null"),
+        ],
+    ),
     "completion": (
         "print a script that makes a shell complete all this",
         "Print a script that completes commands, options and their values in a shell.",

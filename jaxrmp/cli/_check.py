@@ -1,0 +1,207 @@
+"""`jaxrmp check`: what is read of a file, what is left out of it and why, and what looks wrong."""
+
+import argparse
+import contextlib
+import warnings
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .._errors import ConfigurationError, FileWarning, JaxrmpError, UnsafeFileWarning
+from ..io import load_lula, read_xrdf
+from ..kinematics import Robot, hand_frame, load_robot, panda
+from ..learning import fit_to_robot, load_configuration, load_demonstrations, load_skill, prepare
+from ..world import RobotSpheres, own_self_pairs, own_spheres
+from ._output import write_json
+from ._sources import find_demonstrations
+
+_RANK = {"error": 0, "unsafe": 1, "note": 2}
+
+
+def run(arguments: argparse.Namespace, rest: list[str]) -> None:
+    kind, report = _kind(arguments.file)
+    found = _Findings()
+    with found.kept():
+        report(arguments, found)
+    content = {
+        "file": str(arguments.file),
+        "kind": kind,
+        "safe": not found.unsafe,
+        "read": found.read,
+        "findings": found.found,
+    }
+    if arguments.json:
+        write_json(content, arguments.json)
+    print(_text(content))
+    if found.unsafe:
+        raise ConfigurationError(f"{arguments.file}: {found.unsafe} of the findings above must be mended before use.")
+
+
+class _Findings:
+    """What was `read`, and what was `found` wrong."""
+
+    def __init__(self):
+        self.read: dict[str, Any] = {}
+        self.found: list[dict[str, str]] = []
+
+    def add(self, severity: str, what: str) -> None:
+        if all(finding["what"] != what for finding in self.found):
+            self.found.append({"severity": severity, "what": what})
+            self.found.sort(key=lambda finding: _RANK[finding["severity"]])
+
+    @contextlib.contextmanager
+    def kept(self) -> Iterator[None]:
+        """Around what may warn or fail: warnings and typed errors become findings."""
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            try:
+                yield
+            except JaxrmpError as error:
+                self.add("error", str(error))
+        for warning in caught:
+            if issubclass(warning.category, FileWarning) or warning.category is UserWarning:
+                unsafe = issubclass(warning.category, UnsafeFileWarning)
+                self.add("unsafe" if unsafe else "note", str(warning.message))
+
+    def attempt(self, action: Callable[[], Any]) -> Any:
+        """What `action` gives, None where it fails."""
+        value = None
+        with self.kept():
+            value = action()
+        return value
+
+    @property
+    def unsafe(self) -> int:
+        return sum(finding["severity"] != "note" for finding in self.found)
+
+
+def _kind(file: Path) -> tuple[str, Callable]:
+    if file.is_dir():
+        return "demonstrations", _demonstrations
+    kinds = {".toml": ("configuration", _configuration), ".npz": ("skill", _skill)}
+    lula = dict.fromkeys((".xrdf", ".yaml", ".yml"), ("robot description (XRDF)", _xrdf))
+    return (kinds | lula).get(file.suffix.lower(), ("robot", _robot_file))
+
+
+def _robot_file(arguments: argparse.Namespace, found: _Findings) -> None:
+    robot = found.attempt(lambda: load_robot(arguments.file))
+    if robot is not None:
+        _robot(robot, found)
+
+
+def _robot(robot: Robot, found: _Findings, spheres: RobotSpheres | None = None) -> None:
+    """Joints and limits, hand, and what covers its links: its own geometry, unless there are `spheres`."""
+    joints = {joint.name: joint for joint in robot.model.joints}
+    limits = zip(robot.lower, robot.upper, robot.velocity_limit, strict=True)
+    found.read |= {
+        "robot": robot.name,
+        "joints": [
+            {"name": name, "kind": joints[name].kind, "lower": float(a), "upper": float(b), "velocity": float(v)}
+            for name, (a, b, v) in zip(robot.joint_names, limits, strict=True)
+        ],
+        "following or locked joints": [name for name in joints if name not in robot.joint_names],
+        "frames": len(robot.frame_names),
+        "hand": hand_frame(robot),
+        "spheres": None,
+        "links without spheres": None,
+        "pairs of spheres that keep apart": None,
+    }
+    if unknown := [name for name, v in zip(robot.joint_names, robot.velocity_limit, strict=True) if not np.isfinite(v)]:
+        found.add("note", f"no velocity limit is known of {', '.join(unknown)}: policies do not bound their speed.")
+    covered = spheres or found.attempt(lambda: own_spheres(robot))
+    if covered is None:
+        found.add("unsafe", "no sphere covers the robot: policies avoid neither obstacles nor the arm itself.")
+        return
+    moved = [robot.model.bodies[j.body].name for j in robot.model.joints if j.coordinate >= 0]
+    found.read["spheres"] = {"number": covered.size, "stick out by, m": float(covered.coverage_error)}
+    found.read["links without spheres"] = [name for name in dict.fromkeys(moved) if name not in covered.frames]
+    if spheres is None:
+        found.read["pairs of spheres that keep apart"] = len(own_self_pairs(robot, covered))
+
+
+def _configuration(arguments: argparse.Namespace, found: _Findings) -> None:
+    configuration = load_configuration(arguments.file)
+    found.read |= {"name": configuration.name, "object": configuration.object or "none"}
+    found.read["subtasks"] = [f"{s.name}: {s.offset} in {s.frame}" for s in configuration.subtasks]
+    robot = found.attempt(configuration.load_robot)
+    if robot is None:
+        return
+    _robot(robot, found)
+    for subtask in configuration.subtasks:
+        found.attempt(lambda frame=subtask.frame: robot.frame_index(frame))
+    if arguments.demos:
+        found.attempt(lambda: prepare(configuration, robot, find_demonstrations(arguments.demos)))
+
+
+def _skill(arguments: argparse.Namespace, found: _Findings) -> None:
+    skill = load_skill(arguments.file)
+    found.read |= {
+        "name": skill.configuration.name,
+        "subtasks": [f"{name} at {frame}" for name, frame in zip(skill.subtasks, skill.frames, strict=True)],
+        "object": skill.configuration.object or "none",
+        "learned from": skill.source,
+    }
+    robot = found.attempt(lambda: skill.load_robot(arguments.robot))
+    if robot is not None:
+        _robot(robot, found)
+
+
+def _demonstrations(arguments: argparse.Namespace, found: _Findings) -> None:
+    demonstrations = load_demonstrations(arguments.file)
+    found.read |= {
+        "demonstrations": [
+            {"samples": len(d.time), "seconds": float(d.time[-1] - d.time[0]), "objects": ", ".join(d.poses)}
+            for d in demonstrations
+        ],
+        "columns": list(demonstrations.joint_names),
+    }
+    if arguments.robot:
+        robot = panda() if arguments.robot == "panda" else load_robot(arguments.robot)
+        fitted = found.attempt(lambda: fit_to_robot(demonstrations, robot))
+        found.read["fit the robot"] = robot.name if fitted is not None else None
+    else:
+        found.read["fit the robot"] = None
+        found.add("note", "angles, units and columns were not checked: give the arm with --robot FILE.")
+
+
+def _xrdf(arguments: argparse.Namespace, found: _Findings) -> None:
+    description = read_xrdf(arguments.file)
+    found.read |= {
+        "joints of the file": description.joint_names.texts(),
+        "tool frames": list(description.tool_frames),
+        "spheres of the file": description.world_spheres.size,
+        "modifiers": len(description.modifiers),
+    }
+    if not arguments.robot or not arguments.rmpflow:
+        found.add("note", "not checked against its robot: give --robot URDF and --rmpflow YAML.")
+        return
+    policy = found.attempt(lambda: load_lula(arguments.robot, arguments.file, arguments.rmpflow))
+    if policy is not None:
+        _robot(policy.robot, found, policy.spheres)
+        found.read["set, and no policy acts on it"] = list(policy.inactive)
+
+
+def _text(content: dict[str, Any]) -> str:
+    lines = [f"{content['file']}: {content['kind']}"]
+    for name, value in content["read"].items():
+        if isinstance(value, list) and value and isinstance(value[0], dict):
+            rows = [list(value[0]), *([_cell(v) for v in row.values()] for row in value)]
+            widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+            lines.append(name)
+            lines += ["  " + "  ".join(c.ljust(w) for c, w in zip(r, widths, strict=True)).rstrip() for r in rows]
+        else:
+            lines.append(f"{name}: {_cell(value)}")
+    lines += [f"{finding['severity'].upper()}: {finding['what']}" for finding in content["findings"]]
+    return "\n".join([*lines, "" if content["findings"] else "nothing looks wrong"]).rstrip()
+
+
+def _cell(value: Any) -> str:
+    if isinstance(value, float):
+        return f"{value:.4g}" if np.isfinite(value) else "none"
+    if isinstance(value, dict):
+        return ", ".join(f"{name} {_cell(v)}" for name, v in value.items())
+    if isinstance(value, list):
+        return ", ".join(map(str, value)) or "none"
+    return "not checked" if value is None else str(value)

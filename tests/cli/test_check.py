@@ -1,0 +1,82 @@
+"""`jaxrmp check`: facts, what is left out, and an exit code that tells what must not be used."""
+
+import json
+
+import pytest
+
+from jaxrmp.cli import main
+
+ARM = """<robot name="arm"><link name="base"/>
+<link name="upper"><collision><geometry><box size="0.1 0.1 0.3"/></geometry></collision></link><link name="tool0"/>
+<joint name="pan" type="revolute"><parent link="base"/><child link="upper"/><axis xyz="0 0 1"/>
+<limit lower="-1" upper="2" velocity="1.5" effort="9"/></joint>
+<joint name="flange" type="fixed"><parent link="upper"/><child link="tool0"/><origin xyz="0 0 0.3"/></joint></robot>"""
+RECORDED = "time,pan\n" + "".join(f"{0.1 * k:.1f},{{0}}{0.01 * k:.3f}\n" for k in range(60))
+
+
+@pytest.fixture
+def check(tmp_path, capsys):
+    def check(name, text, *more):
+        file = tmp_path / name
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(text)
+        of = file
+        if file.suffix == ".csv":
+            file.with_name("demo_1.csv").write_text(text)
+            of = file.parent
+        code = main(["check", str(of), "--json", str(tmp_path / "found.json"), *map(str, more)])
+        said = capsys.readouterr()
+        found = tmp_path / "found.json"
+        return code, json.loads(found.read_text()) if found.exists() else None, said.out + said.err
+
+    return check
+
+
+def test_a_sound_robot(check):
+    code, found, said = check("arm.urdf", ARM)
+    assert code == 0 and found["safe"] and found["findings"] == [] and "nothing looks wrong" in said
+    (joint,) = found["read"]["joints"]
+    assert joint == {"name": "pan", "kind": "revolute", "lower": -1.0, "upper": 2.0, "velocity": 1.5}
+    assert found["read"]["hand"] == "tool0" and found["read"]["spheres"]["number"] > 0
+
+
+@pytest.mark.parametrize(
+    ("change", "named"),
+    [
+        (('lower="-1" upper="2"', 'lower="2" upper="-1"'), "pan"),
+        (('<box size="0.1 0.1 0.3"/>', '<mesh filename="absent.stl"/>'), "absent.stl"),
+        (('<box size="0.1 0.1 0.3"/>', "<plane/>"), "no sphere"),
+    ],
+)
+def test_what_is_unsafe_of_a_robot(change, named, check):
+    code, found, said = check("arm.urdf", ARM.replace(*change))
+    assert code == 1 and not found["safe"]
+    assert any(named in finding["what"] for finding in found["findings"] if finding["severity"] != "note")
+    assert named in said and found["read"].get("spheres") is None
+
+
+def test_demonstrations_with_their_robot_and_without(check, tmp_path):
+    code, found, _ = check("demos/demo_0.csv", RECORDED.format(""))
+    assert code == 0 and found["read"]["fit the robot"] is None and "--robot" in found["findings"][0]["what"]
+    (tmp_path / "arm.urdf").write_text(ARM)
+    code, found, _ = check("demos/demo_0.csv", RECORDED.format(""), "--robot", tmp_path / "arm.urdf")
+    assert code == 0 and found["read"]["fit the robot"] == "arm" and found["findings"] == []
+    code, found, said = check("demos/demo_0.csv", RECORDED.format("9"), "--robot", tmp_path / "arm.urdf")
+    assert code == 1 and "degrees" in said and found["read"]["fit the robot"] is None
+
+
+def test_a_configuration_with_its_robot(check, tmp_path):
+    (tmp_path / "arm.urdf").write_text(ARM)
+    text = 'name = "turn"\nrobot = "arm.urdf"\n[[subtasks]]\nname = "tip"\nframe = "{}"\n'
+    code, found, _ = check("turn.toml", text.format("tool0"))
+    assert code == 0 and found["read"]["subtasks"] and found["read"]["hand"] == "tool0"
+    code, found, said = check("turn.toml", text.format("tool"))
+    assert code == 1 and "tool0" in said
+
+
+def test_what_is_no_such_file(check, tmp_path, capsys):
+    for name in ("a.npz", "a.toml", "a.xrdf", "a.urdf"):
+        code, found, _ = check(name, "nothing of the kind: [")
+        assert code == 1 and [finding["severity"] for finding in found["findings"]].count("error") == 1
+    assert main(["check", str(tmp_path / "absent.urdf")]) == 1
+    assert "absent.urdf" in capsys.readouterr().out
