@@ -1,12 +1,10 @@
 """What an XRDF changes in a robot's frames: some that it adds, and the one that it takes for the base."""
 
-import dataclasses
-
 import numpy as np
 
 from .._errors import UnknownNameError
 from .._rotations import pose, rotation_of_quaternion
-from ..kinematics import Robot, forward_kinematics
+from ..kinematics import Robot, forward_kinematics, mounted, with_tool
 from ..kinematics._robot import Frame
 from ._yaml import Setting
 
@@ -37,8 +35,8 @@ def _with_frame(robot: Robot, setting: Setting) -> Robot:
     length = np.linalg.norm(quaternion)
     if abs(length - 1) > 1e-2:
         transform["orientation"].fail(f"expected a unit quaternion, received one of length {length:.4g}")
-    T = _pose(parent) @ pose(np.array(transform["position"].numbers(3)), rotation_of_quaternion(quaternion / length))
-    return _with_frames(robot, (*robot.model.frames, _at(Frame(name, parent.body, *parent[2:]), T)))
+    T = pose(np.array(transform["position"].numbers(3)), rotation_of_quaternion(quaternion / length))
+    return with_tool(robot, name, parent.name, T)
 
 
 def _at_base(robot: Robot, setting: Setting) -> Robot:
@@ -49,28 +47,10 @@ def _at_base(robot: Robot, setting: Setting) -> Robot:
         setting.fail(f"frame {frame.name!r} is moved by joints {moving}, and a base stands still: lock them, by "
                      "leaving them out of cspace")  # fmt: skip
     T = np.linalg.inv(np.asarray(forward_kinematics(robot, np.zeros(robot.num_joints), frame.name), float))
-    if np.allclose(T, np.eye(4), atol=1e-9):
-        return robot
-    # Body 0 is the world, which is the base from now on: what stands in it is seen from there.
-    bodies = tuple(_at(body, T @ _pose(body)) if body.parent == 0 else body for body in robot.model.bodies)
-    frames = tuple(_at(frame, T @ _pose(frame)) if frame.body == 0 else frame for frame in robot.model.frames)
-    return _with_frames(robot, frames, bodies)
-
-
-def _with_frames(robot: Robot, frames, bodies=None) -> Robot:
-    model = dataclasses.replace(robot.model, frames=frames, bodies=bodies or robot.model.bodies)
-    return dataclasses.replace(robot, model=model)
+    return robot if np.allclose(T, np.eye(4), atol=1e-9) else mounted(robot, T)
 
 
 def _frame(robot: Robot, setting: Setting) -> Frame:
     hint = f"{setting.source} names it in line {setting.line}."
     UnknownNameError.check("frame", setting.text(), robot.frame_names, hint)
     return robot.model.frames[robot.frame_index(setting.text())]
-
-
-def _pose(part) -> np.ndarray:
-    return pose(np.array(part.position), np.reshape(part.rotation, (3, 3)))
-
-
-def _at(part, T: np.ndarray):
-    return part._replace(position=tuple(T[:3, 3].tolist()), rotation=tuple(T[:3, :3].ravel().tolist()))

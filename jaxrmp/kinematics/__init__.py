@@ -1,5 +1,7 @@
 """Robots and where their frames are: loading, forward kinematics, control points, frames' axes."""
 
+from ._arranged import mounted as mounted
+from ._arranged import with_tool as with_tool
 from ._control_points import ControlPoints as ControlPoints
 from ._forward import forward_kinematics as forward_kinematics
 from ._forward import frame_poses as frame_poses
