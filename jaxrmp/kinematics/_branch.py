@@ -1,0 +1,73 @@
+"""The part of a file that is the robot: one branch, and none of the objects that lie beside it."""
+
+import warnings
+from collections.abc import Collection, Iterator
+from typing import Any
+
+from .._errors import FileWarning, UnknownNameError
+
+
+def keep_branch(mujoco: Any, spec: Any, root: str | None, fixed: Collection[str], source: str) -> set[str]:
+    """Delete from `spec` what is not the robot, and return the names of the joints that go.
+
+    With `root`, the body that the robot begins with, all that is not above or below it goes; joints above it, unless
+    `fixed` has them, stay where the file's reference posture has them. So does a free joint of the root. Without, an
+    object goes that one free joint moves and no other. **Raises** `UnknownNameError`.
+    """
+    if root is None:
+        return _without_objects(mujoco, spec, source)
+    body = spec.body(root)
+    if body is None:
+        raise UnknownNameError("body", root, [b.name for b in spec.bodies if b.name])
+    gone, chain = set(), [body]
+    while chain[-1].name != "world":
+        chain.append(chain[-1].parent)
+    names = {b.name for b in chain}
+    for above in chain:
+        for joint in list(above.joints):
+            if joint.type == mujoco.mjtJoint.mjJNT_FREE or (above.name != root and joint.name not in fixed):
+                gone.add(joint.name)
+                spec.delete(joint)
+        if above.name != root:
+            for other in [b for b in above.bodies if b.name not in names]:
+                gone |= {joint.name for b in _below(other) for joint in b.joints}
+                spec.delete(other)
+    _without_couplings(mujoco, spec, gone)
+    return gone
+
+
+def _without_objects(mujoco: Any, spec: Any, source: str) -> set[str]:
+    objects = [
+        body
+        for body in spec.worldbody.bodies
+        if [joint.type for b in _below(body) for joint in b.joints] == [mujoco.mjtJoint.mjJNT_FREE]
+    ]
+    others = [joint for body in spec.bodies for joint in body.joints if joint.type != mujoco.mjtJoint.mjJNT_FREE]
+    if not objects or not others:
+        return set()
+    names = [body.name for body in objects]
+    gone = {joint.name for body in objects for joint in body.joints}
+    for body in objects:
+        spec.delete(body)
+    _without_couplings(mujoco, spec, gone)
+    warnings.warn(
+        f"{source}: {names} lie free beside the robot and are no part of it. What it is to avoid goes into its World.",
+        FileWarning,
+        stacklevel=5,
+    )
+    return gone
+
+
+def _without_couplings(mujoco: Any, spec: Any, gone: set[str]) -> None:
+    bodies = {body.name for body in spec.bodies}
+    for equality in list(spec.equalities):
+        joints = equality.type == mujoco.mjtEq.mjEQ_JOINT
+        named = {name for name in (equality.name1, equality.name2) if name}
+        if (joints and named & gone) or (equality.objtype == mujoco.mjtObj.mjOBJ_BODY and named - bodies):
+            spec.delete(equality)
+
+
+def _below(body: Any) -> Iterator[Any]:
+    yield body
+    for child in body.bodies:
+        yield from _below(child)

@@ -1,0 +1,56 @@
+"""A robot as a TOML file: which file it is read from, which part of it, where it stands and what it holds."""
+
+import os
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .._errors import RobotError, UnknownNameError
+from .._rotations import pose, rotation_of_vector
+
+_KEYS = ("file", "name", "root", "fixed", "mount", "tools", "packages")
+
+
+def read_robot_file(path: str | os.PathLike) -> dict[str, Any]:
+    """The arguments of `load_robot` that the TOML file at `path` has, its `path` among them.
+
+    `file`, MJCF or URDF, found from the TOML file's folder; optional `name`, `root`, `packages` and `fixed`, as
+    `load_robot` has them; `mount`, where the base stands, and `[tools.NAME]` with `frame` and `pose`. A pose is
+    `[x, y, z]` or `[x, y, z, roll, pitch, yaw]`, m and rad, as URDF's `xyz` and `rpy`.
+    **Raises** `RobotError` for a file that is not so.
+    """
+    try:
+        content = tomllib.loads(Path(path).read_text())
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise RobotError(f"{path} cannot be read as TOML: {error}") from error
+    for key in content:
+        UnknownNameError.check(f"key in {path}", key, _KEYS)
+    for key, kind in (("file", str), ("fixed", dict), ("tools", dict), ("packages", dict)):
+        if not isinstance(content.get(key, kind()), kind) or (key == "file" and not content.get("file")):
+            raise RobotError(f"{path}: {key} is {content.get(key)!r}, expected {'a path' if kind is str else 'a table'}.")
+    folder = Path(path).parent
+    found = {key: content[key] for key in ("name", "root", "fixed") if key in content}
+    found["path"] = folder / content["file"]
+    found["packages"] = {name: folder / place for name, place in content.get("packages", {}).items()}
+    if "mount" in content:
+        found["mount"] = pose_of_numbers(content["mount"], f"{path}: mount")
+    tools = {}
+    for name, tool in content.get("tools", {}).items():
+        if not isinstance(tool, dict) or set(tool) != {"frame", "pose"}:
+            raise RobotError(f"{path}: tools.{name} is {tool!r}, expected a table with frame and pose.")
+        tools[name] = tool["frame"], pose_of_numbers(tool["pose"], f"{path}: tools.{name}.pose")
+    return found | {"tools": tools}
+
+
+def pose_of_numbers(numbers: Any, what: str) -> np.ndarray:
+    """[4, 4] of `[x, y, z]` or `[x, y, z, roll, pitch, yaw]`, m and rad. **Raises** `RobotError`, naming `what`."""
+    try:
+        values = np.asarray(numbers, float)
+    except (TypeError, ValueError):
+        values = np.zeros(0)
+    if values.shape not in ((3,), (6,)) or not np.isfinite(values).all():
+        raise RobotError(f"{what} is {numbers!r}, expected 3 or 6 numbers: x, y, z, m, and roll, pitch, yaw, rad.")
+    roll, pitch, yaw = (rotation_of_vector(angle * axis) for angle, axis in zip([*values[3:], 0, 0, 0], np.eye(3)))
+    return pose(values[:3], yaw @ pitch @ roll)
