@@ -99,6 +99,7 @@ def _robot_of(text, source, fixed, name, path=None, packages=()) -> Robot:
                 f"{source}: equality {loop!r} closes a loop through joints {moving}; jaxrmp's robots are trees. "
                 f"Lock these joints, e.g. fixed={{{moving[0]!r}: 0.0, ...}}, or remove the constraint."
             )
+    _warn_of_followers(joints, ranges, np.array([lower, upper]), source)
     velocity = np.full(len(joint_names), np.inf)
     if urdf is not None:
         warn_of(urdf, joint_names, source)
@@ -190,6 +191,23 @@ def _require_unique(kind: str, parts, source: str) -> None:
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
         raise RobotError(f"{source}: one {kind} is called {twice[0]!r}, and one without a name would be. Name it.")
+
+
+def _warn_of_followers(joints: list[Joint], ranges, limits: np.ndarray, source: str) -> None:
+    """Warn of mimic joints that their leaders take beyond their own limits; `limits` [2, n] are the leaders'."""
+    crossed = []
+    for joint, (low, high) in zip(joints, ranges, strict=True):
+        if joint.coordinate >= 0:
+            reached = joint.multiplier * limits[:, joint.coordinate] + joint.offset
+            if reached.min() < low - 1e-2 or reached.max() > high + 1e-2:
+                crossed.append(joint.name)
+    if crossed:
+        warnings.warn(
+            f"{source}: joints {crossed} follow others, whose limits count, beyond limits of their own. Narrow the "
+            "leaders' limits (Robot.lower and upper, or in the file).",
+            UnsafeFileWarning,
+            stacklevel=4,
+        )
 
 
 def _warn_of_ranges(mujoco, spec, source: str) -> None:

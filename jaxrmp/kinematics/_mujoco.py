@@ -5,7 +5,7 @@ import contextlib
 import os
 import warnings
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -49,24 +49,30 @@ def read_spec(
 
 def parse_urdf(root: ElementTree.Element, source: str) -> Any:
     """The `mujoco.MjSpec` of a URDF file's `root` element. **Raises** `RobotError`."""
-    return _parse(ElementTree.tostring(root, encoding="unicode"), source)
+    return _parse(source, lambda spec: spec.from_string(ElementTree.tostring(root, encoding="unicode")))
 
 
 def parse_mjcf(text: str, source: str, path: str | os.PathLike | None = None) -> Any:
     """The `mujoco.MjSpec` of an MJCF `text`, that of the file `path` if one is given. **Raises** `RobotError`."""
     # MuJoCo itself takes every file for UTF-8.
     if path is None or Path(path).read_bytes().removeprefix(codecs.BOM_UTF8) != text.encode():
-        spec = _parse(text, source)
+        spec = _parse(source, lambda spec: spec.from_string(text))
         spec.modelfiledir = "" if path is None else str(Path(path).parent)
         return spec
-    with _warnings_of_mujoco(source), _reading(source):
-        return import_mujoco().MjSpec.from_file(str(path))
+    return _parse(source, lambda spec: spec.from_file(str(path)))
 
 
 def compile_spec(spec: Any, source: str, what: str = "does not compile") -> Any:
     """The `mujoco.MjModel` of a spec. **Raises** `RobotError` that says `what` is wrong with `source`."""
-    with _warnings_of_mujoco(source), _reading(source, what):
-        return spec.compile()
+    with _warnings_of_mujoco(source):
+        try:
+            return spec.compile()
+        except (OSError, ValueError) as error:
+            text = " ".join(str(error).split())
+            absent = {mesh.name for mesh in spec.meshes if "opening file" in text and mesh.file and mesh.file in text}
+            bodies = [geom.parent.name for geom in spec.geoms if geom.meshname in absent]
+            where = f" It is a mesh of {bodies}: put it there, beside the file." if bodies else ""
+            raise RobotError(f"{source} {what}: {text}{where}") from error
 
 
 def set_any_inertia(spec: Any) -> None:
@@ -82,17 +88,12 @@ def set_any_inertia(spec: Any) -> None:
     spec.compiler.settotalmass = -1
 
 
-def _parse(text: str, source: str) -> Any:
-    with _warnings_of_mujoco(source), _reading(source):
-        return import_mujoco().MjSpec.from_string(text)
-
-
-@contextlib.contextmanager
-def _reading(source: str, what: str = "cannot be read as MJCF or URDF") -> Iterator[None]:
-    try:
-        yield
-    except (OSError, ValueError) as error:
-        raise RobotError(f"{source} {what}: {' '.join(str(error).split())}") from error
+def _parse(source: str, read: Callable[[Any], Any]) -> Any:
+    with _warnings_of_mujoco(source):
+        try:
+            return read(import_mujoco().MjSpec)
+        except (OSError, ValueError) as error:
+            raise RobotError(f"{source} cannot be read as MJCF or URDF: {' '.join(str(error).split())}") from error
 
 
 @contextlib.contextmanager

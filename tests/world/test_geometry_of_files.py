@@ -167,6 +167,17 @@ def test_a_damaged_mesh_is_named(arm, tmp_path):
         geometry_of_model(arm(mesh("../meshes/bar.obj")))
 
 
+def test_an_absent_mesh_of_an_mjcf_is_named(tmp_path):
+    path = tmp_path / "arm.xml"
+    path.write_text(
+        "<mujoco><asset><mesh name='m' file='gone.stl'/></asset><worldbody><body name='upper'><joint/>"
+        "<geom type='mesh' mesh='m'/></body></worldbody></mujoco>"
+    )
+    with pytest.raises(RobotError, match=r"opening file 'gone\.stl'.* mesh of \['upper'\]: put it there"):
+        geometry_of_model(path)
+    assert load_robot(path).num_joints == 1
+
+
 def test_a_robot_that_moves_on_disk_says_that_its_geometry_is_gone(arm, tmp_path):
     robot = load_robot(arm(BOX))
     shutil.rmtree(tmp_path / "robots")
