@@ -39,6 +39,8 @@ def place_meshes(
         for kind in ("visual", "collision"):
             for geometry in link.findall(kind):
                 geometry.attrib.pop("name", None)  # several may have one name, in URDF
+                if geometry.find("geometry/*") is None:
+                    raise RobotError(f"{source}: a {kind} of link {link.get('name')!r} has no geometry.")
                 mesh = geometry.find("geometry/mesh")
                 if mesh is None:
                     continue

@@ -26,12 +26,17 @@ def import_mujoco() -> Any:
 
 
 def read_spec(
-    path: str | os.PathLike, packages: Mapping[str, str | os.PathLike] | None = None, looks: bool = True
+    path: str | os.PathLike,
+    packages: Mapping[str, str | os.PathLike] | None = None,
+    *,
+    looks: bool = True,
+    physics: bool = True,
 ) -> Any:
     """The `mujoco.MjSpec` of an MJCF or URDF file with its geometry, whose meshes must be there.
 
     `packages`, folders of ROS packages by their names, which are looked for round the file otherwise; `looks`, whether
-    visual geometry of a URDF is wanted where there is collision geometry too.
+    visual geometry of a URDF is wanted where there is collision geometry too; `physics`, whether the file's inertias
+    are: else any that compile take their place, for the file's may be absent or impossible, and textures are left out.
     **Raises** `RobotError`, `MissingDependencyError`.
     """
     text, folders = read_text(path), require_folders(packages)
@@ -41,9 +46,20 @@ def read_spec(
         files = {name: file for name, file in meshes.items() if file.is_file() and not known_to_mujoco(file)}
     else:
         urdf = read_urdf(text, str(path))
+        for link in urdf.root.findall("link") if not physics else ():
+            for inertial in link.findall("inertial"):
+                link.remove(inertial)
         files = place_meshes(urdf.root, Path(path).resolve().parent, folders, looks, str(path))
         spec = parse_urdf(urdf.root, str(path))
     link_meshes(spec, files, str(path))
+    for geom in spec.geoms:
+        geom.info = f"{geom.info} of body {geom.parent.name!r}"  # which MuJoCo appends to its errors
+    if not physics:
+        set_any_inertia(spec)
+        for material in spec.materials:
+            material.textures = [""] * len(material.textures)
+        for texture in list(spec.textures):
+            spec.delete(texture)
     return spec
 
 
@@ -76,7 +92,7 @@ def compile_spec(spec: Any, source: str, what: str = "does not compile") -> Any:
 
 
 def set_any_inertia(spec: Any) -> None:
-    """Give every body an inertia that compiles, for whom it does not matter: the file's may be absent or impossible."""
+    """Give every body an inertia that compiles, in place of the file's."""
     mujoco = import_mujoco()
     for body in spec.bodies[1:]:
         body.explicitinertial = True

@@ -13,7 +13,7 @@ from .._pytree import pytree, set_field, static
 from .._ranges import Finite, NonNegative, require_number
 from .._rotations import rotation_of_quaternion
 from ..kinematics import PANDA_MODEL, ControlPoints, Robot
-from ..kinematics._mujoco import compile_spec, import_mujoco, read_spec, set_any_inertia
+from ..kinematics._mujoco import compile_spec, import_mujoco, read_spec
 from ._cover import cover_box, cover_capsule, cover_convex_hull, cover_cylinder, cover_ellipsoid
 
 
@@ -125,12 +125,7 @@ def geometry_of_model(
         if source.source is None:
             raise RobotError(f"{source.name!r} was read from no file that could have its geometry: load it from one.")
         source, packages = source.source, dict(source.model.packages) | dict(packages or {})
-    spec = read_spec(source, packages, looks)
-    set_any_inertia(spec)
-    for material in spec.materials:
-        material.textures = [""] * len(material.textures)
-    for texture in list(spec.textures):
-        spec.delete(texture)
+    spec = read_spec(source, packages, looks=looks, physics=False)
     spec.compiler.fusestatic = spec.compiler.discardvisual = False
     return compile_spec(spec, str(source), "cannot be read with its geometry")
 

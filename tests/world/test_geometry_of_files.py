@@ -55,7 +55,10 @@ def sizes(model, body="upper"):
     return sorted(found)
 
 
-@pytest.mark.parametrize("inertia", ["", INERTIA.format(0, 0, 0, 0), INERTIA.format(1, 1, 1, 3)])
+@pytest.mark.parametrize(
+    "inertia",
+    ["", INERTIA.format(0, 0, 0, 0), INERTIA.format(1, 1, 1, 3), INERTIA.format("nan", 1, 1, 1), "<inertial/>"],
+)
 def test_geometry_needs_no_inertia(inertia, arm):
     path = arm(BOX, inertia)
     spheres = spheres_from_model(path, 0.03)
@@ -165,6 +168,18 @@ def test_a_damaged_mesh_is_named(arm, tmp_path):
     )
     with pytest.raises(RobotError, match=r"coplanar vertices.*bar\.obj"):
         geometry_of_model(arm(mesh("../meshes/bar.obj")))
+
+
+@pytest.mark.parametrize(
+    ("upper", "message"),
+    [
+        ("<collision/>", "a collision of link 'upper' has no geometry"),
+        (BOX.replace("0.06", "0"), "must be positive .*of body 'upper'"),
+    ],
+)
+def test_damaged_geometry_is_named(upper, message, arm):
+    with pytest.raises(RobotError, match=message):
+        geometry_of_model(arm(upper))
 
 
 def test_an_absent_mesh_of_an_mjcf_is_named(tmp_path):
