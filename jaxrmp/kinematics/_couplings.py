@@ -7,12 +7,13 @@ from ._robot import Joint
 
 
 def resolve_couplings(
-    joints: list[Joint], m, fixed: dict[str, float], source: str
+    joints: list[Joint], m, ranges: list[tuple[float, float]], fixed: dict[str, float], source: str
 ) -> tuple[list[Joint], tuple[str, ...], list[float], list[float]]:
     """Number the independent joints and express the others by them.
 
     **Arguments**: `joints` as in the file; `m`, the compiled MuJoCo model, whose equality constraints are all joint
-    couplings `y - y0 = a0 + a1 (x - x0)`; `fixed`, positions of locked joints by name; `source`, for messages.
+    couplings `y - y0 = a0 + a1 (x - x0)`; `ranges`, each joint's limits; `fixed`, positions of locked joints by name;
+    `source`, for messages.
     **Returns** the joints with coordinate, multiplier and offset set; the names of the independent ones; their lower
     and upper limits.
     """
@@ -27,8 +28,8 @@ def resolve_couplings(
         value = float(value)
         if not math.isfinite(value):
             raise RobotError(f"{source}: fixed[{name!r}] is {value}, expected a finite number.")
-        if m.jnt_limited[i] and not m.jnt_range[i][0] - 1e-9 <= value <= m.jnt_range[i][1] + 1e-9:
-            low, high = (float(v) for v in m.jnt_range[i])
+        low, high = ranges[i]
+        if not low - 1e-9 <= value <= high + 1e-9:
             raise RobotError(f"{source}: fixed[{name!r}] is {value}, outside the joint's range [{low}, {high}].")
         root, multiplier, offset = roots[i]
         position = value_of_root.get(root)
@@ -52,9 +53,8 @@ def resolve_couplings(
             position = multiplier * value_of_root.get(root, 0.0) + offset
             follows = {"coordinate": -1, "multiplier": 0.0, "offset": position}
         resolved.append(joint._replace(**follows))
-    lower = [float(m.jnt_range[i][0]) if m.jnt_limited[i] else -math.inf for i in free]
-    upper = [float(m.jnt_range[i][1]) if m.jnt_limited[i] else math.inf for i in free]
-    return resolved, tuple(joints[i].name for i in free), lower, upper
+    names = tuple(joints[i].name for i in free)
+    return resolved, names, [ranges[i][0] for i in free], [ranges[i][1] for i in free]
 
 
 def _leaders(joints: list[Joint], m, source: str) -> dict[int, tuple[int, float, float]]:

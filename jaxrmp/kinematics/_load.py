@@ -1,19 +1,21 @@
 """Robots from MJCF and URDF files, read by MuJoCo's own compiler."""
 
 import os
-import re
-import xml.etree.ElementTree as ElementTree
+import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from .._errors import RobotError
+from .._errors import RobotError, UnsafeFileWarning
 from .._rotations import rotation_of_quaternion
 from ._couplings import resolve_couplings
-from ._mujoco import import_mujoco, read_spec
+from ._mujoco import compile_spec, import_mujoco, parse_mjcf, parse_urdf, set_any_inertia
+from ._packages import require_folders
 from ._robot import Body, Frame, Joint, KinematicModel, Robot
+from ._robot_text import format_of, read_text
+from ._urdf import Urdf, read_urdf, warn_of
 
 _NOT_KINEMATIC = (
     *("keys", "tuples", "numerics", "texts", "sensors", "actuators", "pairs", "excludes", "skins", "flexes"),
@@ -21,7 +23,13 @@ _NOT_KINEMATIC = (
 )
 
 
-def load_robot(path: str | os.PathLike, *, fixed: Mapping[str, float] | None = None, name: str | None = None) -> Robot:
+def load_robot(
+    path: str | os.PathLike,
+    *,
+    fixed: Mapping[str, float] | None = None,
+    name: str | None = None,
+    packages: Mapping[str, str | os.PathLike] | None = None,
+) -> Robot:
     """Read a robot from the MJCF or URDF file at `path`.
 
     Only the kinematics is read: meshes need not be there, links need no inertia. Joints may be revolute, prismatic
@@ -29,32 +37,39 @@ def load_robot(path: str | os.PathLike, *, fixed: Mapping[str, float] | None = N
     `mimic`, MJCF `equality/joint`) follow their leader and have no coordinate; the leader's own limits count.
 
     **Arguments**: `fixed`, joints to lock and the positions to lock them at, rad or m (locking a mimic joint locks
-    its leader); `name`, the robot's name, by default the model's own.
-    **Returns** a `Robot`. Velocity limits come from URDF's `limit velocity`; where there is none they are infinite.
-    **Raises** `RobotError` if the file cannot be read or holds a ball, free or planar joint, a closed loop, or a
-    non-linear coupling; `UnknownNameError` if `fixed` names a joint that is not there.
+    its leader); `name`, the robot's name, by default the model's own; `packages`, folders of ROS packages by name, for
+    the meshes of `package://NAME/...` when the robot's geometry is asked for: others are looked for from the file
+    upwards and in ROS_PACKAGE_PATH.
+    **Returns** a `Robot`. Position limits are read by the format's own rule: in URDF `lower` and `upper` are 0 where
+    they are absent, and a continuous joint has none. Velocity limits come from URDF's `limit velocity`; where there is
+    none they are infinite, with an `UnsafeFileWarning` if the `limit` leaves it out or it is not positive.
+    **Raises** `RobotError` if the file cannot be read or holds a ball, free, floating or planar joint, a closed loop, a
+    non-linear coupling, one name twice, a mimic of a joint that is not there, or a revolute or prismatic joint of URDF
+    without limits or with swapped ones; `UnknownNameError` if `fixed` names a joint that is not there.
     """
-    spec, path = read_spec(path), Path(path)
-    return _robot_of_spec(import_mujoco(), spec, path.read_bytes(), str(path), fixed, name, str(path.resolve()))
+    text, folders = read_text(path), tuple(require_folders(packages).items())
+    return _robot_of(text, str(path), fixed, name, Path(path), folders)
 
 
 def load_robot_from_string(xml: str, *, fixed: Mapping[str, float] | None = None, name: str | None = None) -> Robot:
     """Read a robot from the text of an MJCF or URDF file, `xml`; the rest as `load_robot`."""
-    mujoco = import_mujoco()
-    try:
-        spec = mujoco.MjSpec.from_string(xml)
-    except ValueError as error:
-        raise RobotError(f"the text cannot be read as MJCF or URDF: {error}") from error
-    return _robot_of_spec(mujoco, spec, xml.encode(), "the text", fixed, name)
+    return _robot_of(xml, "the text", fixed, name)
 
 
-def _robot_of_spec(mujoco, spec, text, source, fixed, name, file=None) -> Robot:
+def _robot_of(text, source, fixed, name, path=None, packages=()) -> Robot:
+    mujoco, urdf = import_mujoco(), None
+    if format_of(text, source) == "urdf":
+        urdf = read_urdf(text, source)
+        for link in urdf.root.findall("link"):
+            for part in list(link):
+                link.remove(part)
+        spec = parse_urdf(urdf.root, source)
+    else:
+        spec = parse_mjcf(text, source, path)
+        _warn_of_ranges(mujoco, spec, source)
     loops = _strip(mujoco, spec)
-    try:
-        m = spec.compile()
-    except ValueError as error:
-        raise RobotError(f"{source} does not compile: {error}") from error
-
+    m = compile_spec(spec, source)
+    _require_numbers(m, source)
     bodies = tuple(
         Body(
             m.body(i).name or f"body_{i}",
@@ -65,8 +80,14 @@ def _robot_of_spec(mujoco, spec, text, source, fixed, name, file=None) -> Robot:
         for i in range(m.nbody)
     )
     joints = [_joint(mujoco, m, i, bodies, source) for i in range(m.njnt)]
-    joints, joint_names, lower, upper = resolve_couplings(joints, m, dict(fixed or {}), source)
-    model = KinematicModel(name or spec.modelname, joint_names, bodies, tuple(joints), _frames(m, bodies), file)
+    _require_unique("body", bodies, source)
+    _require_unique("joint", joints, source)
+    ranges = _ranges(m, joints, urdf, source)
+    joints, joint_names, lower, upper = resolve_couplings(joints, m, ranges, dict(fixed or {}), source)
+    file = None if path is None else str(path.resolve())
+    model = KinematicModel(
+        name or spec.modelname, joint_names, bodies, tuple(joints), _frames(m, bodies), file, packages
+    )
     index = {body.name: i for i, body in enumerate(bodies)}
     for loop, ends in loops:
         if ends is None:
@@ -78,13 +99,12 @@ def _robot_of_spec(mujoco, spec, text, source, fixed, name, file=None) -> Robot:
                 f"{source}: equality {loop!r} closes a loop through joints {moving}; jaxrmp's robots are trees. "
                 f"Lock these joints, e.g. fixed={{{moving[0]!r}: 0.0, ...}}, or remove the constraint."
             )
-    velocity = _urdf_velocity_limits(text, source)
-    return Robot(
-        lower=np.array(lower),
-        upper=np.array(upper),
-        velocity_limit=np.array([velocity.get(joint, np.inf) for joint in joint_names]),
-        model=model,
-    )
+    _warn_of_followers(joints, ranges, np.array([lower, upper]), source)
+    velocity = np.full(len(joint_names), np.inf)
+    if urdf is not None:
+        warn_of(urdf, joint_names, source)
+        velocity = np.array([urdf.joints[joint].velocity or np.inf for joint in joint_names])
+    return Robot(lower=np.array(lower), upper=np.array(upper), velocity_limit=velocity, model=model)
 
 
 def _strip(mujoco, spec) -> list[tuple[str, tuple[str, str]]]:
@@ -107,13 +127,8 @@ def _strip(mujoco, spec) -> list[tuple[str, tuple[str, str]]]:
     for kind in _NOT_KINEMATIC:
         for element in list(getattr(spec, kind)):
             spec.delete(element)
-    for body in spec.bodies[1:]:  # any inertia that compiles: it does not matter here, and the file's may be absent
-        body.explicitinertial = True
-        body.mass, body.inertia, body.fullinertia = 1.0, [1.0, 1.0, 1.0], [np.nan] * 6
-        body.ipos, body.iquat, body.ialt.type = [0, 0, 0], [1, 0, 0, 0], mujoco.mjtOrientation.mjORIENTATION_QUAT
-    spec.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_FALSE
+    set_any_inertia(spec)
     spec.compiler.fusestatic = False
-    spec.compiler.settotalmass = -1
     return loops
 
 
@@ -145,27 +160,66 @@ def _frames(m, bodies) -> tuple[Frame, ...]:
     return tuple(frames)
 
 
-def _urdf_velocity_limits(text: bytes, source: str) -> dict[str, float]:
-    """The `limit velocity` of each URDF joint, which MuJoCo drops; entries that are not positive are skipped."""
-    if not re.search(rb"<robot[\s>]", text):
-        return {}
-    try:
-        root = ElementTree.fromstring(text)
-    except ElementTree.ParseError as error:
-        raise RobotError(f"{source} is not well-formed XML: {error}") from error
-    limits = {}
-    for joint in root.findall("joint"):
-        limit = joint.find("limit")
-        given = limit.get("velocity", "0") if limit is not None else "0"
-        try:
-            velocity = float(given)
-        except ValueError as error:
-            raise RobotError(
-                f"{source}: joint {joint.get('name')!r} has velocity limit {given!r}, expected a number."
-            ) from error
-        if velocity > 0.0:
-            limits[joint.get("name", "")] = velocity
-    return limits
+def _ranges(m, joints: list[Joint], urdf: Urdf | None, source: str) -> list[tuple[float, float]]:
+    """The position limits of every joint: those of a URDF file are its own, for MuJoCo takes some for none."""
+    if urdf is None:
+        return [
+            (float(low), float(high)) if limited else (-np.inf, np.inf)
+            for limited, (low, high) in zip(m.jnt_limited, m.jnt_range, strict=True)
+        ]
+    followers = [name for name, joint in urdf.joints.items() if joint.leader is not None]
+    coupled = [joints[i].name for i in m.eq_obj1id]
+    if {joint.name for joint in joints} != set(urdf.joints) or sorted(coupled) != sorted(followers):
+        raise RobotError(
+            f"{source}: MuJoCo reads the joints {[j.name for j in joints]}, of which {coupled} mimic others, but the "
+            f"file has {list(urdf.joints)}, of which {followers} do. Rename or remove what is lost."
+        )
+    return [(urdf.joints[joint.name].lower, urdf.joints[joint.name].upper) for joint in joints]
+
+
+def _require_numbers(m, source: str) -> None:
+    for kind, arrays in (("body", (m.body_pos, m.body_quat)), ("joint", (m.jnt_pos, m.jnt_axis))):
+        numbers = np.concatenate(arrays, axis=1)
+        for i in np.flatnonzero(~np.isfinite(numbers).all(1)):
+            name = getattr(m, kind)(i).name
+            raise RobotError(f"{source}: the place or axis of {kind} {name!r} is not finite: {numbers[i].tolist()}.")
+
+
+def _require_unique(kind: str, parts, source: str) -> None:
+    """What has no name in the file is given one, which may be there."""
+    names = [part.name for part in parts]
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise RobotError(f"{source}: one {kind} is called {twice[0]!r}, and one without a name would be. Name it.")
+
+
+def _warn_of_followers(joints: list[Joint], ranges, limits: np.ndarray, source: str) -> None:
+    """Warn of mimic joints that their leaders take beyond their own limits; `limits` [2, n] are the leaders'."""
+    crossed = []
+    for joint, (low, high) in zip(joints, ranges, strict=True):
+        if joint.coordinate >= 0:
+            reached = joint.multiplier * limits[:, joint.coordinate] + joint.offset
+            if reached.min() < low - 1e-2 or reached.max() > high + 1e-2:
+                crossed.append(joint.name)
+    if crossed:
+        warnings.warn(
+            f"{source}: joints {crossed} follow others, whose limits count, beyond limits of their own. Narrow the "
+            "leaders' limits (Robot.lower and upper, or in the file).",
+            UnsafeFileWarning,
+            stacklevel=4,
+        )
+
+
+def _warn_of_ranges(mujoco, spec, source: str) -> None:
+    """Warn of ranges that stand in an MJCF file and that MuJoCo does not hold its joints to."""
+    free = mujoco.mjtLimited.mjLIMITED_FALSE
+    idle = [j.name for j in spec.joints if any(j.range) and (j.limited == free or not j.range[0] < j.range[1])]
+    if idle:
+        warnings.warn(
+            f'{source}: joints {idle} have a range that is not used, for they say limited="false" or it is empty.',
+            UnsafeFileWarning,
+            stacklevel=4,
+        )
 
 
 def _numbers(array: Any) -> Any:

@@ -65,6 +65,8 @@ class KinematicModel:
     frames: tuple[Frame, ...]
     # The file it was read from, where its geometry is; no part of what makes models equal.
     source: str | None = dataclasses.field(default=None, compare=False)
+    # Folders of the ROS packages that it names, as far as they were given; as above.
+    packages: tuple[tuple[str, str], ...] = dataclasses.field(default=(), compare=False)
 
     @functools.cached_property
     def fingerprint(self) -> str:

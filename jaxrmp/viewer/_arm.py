@@ -1,14 +1,16 @@
 """The arm on the page: a node for each link, its geometry below it, its collision spheres if they are wanted."""
 
+import warnings
 from typing import Any
 
 import numpy as np
 
-from .._errors import RobotError
+from .._errors import FileWarning, RobotError
 from .._rotations import quaternion_of_rotation
 from ..kinematics import Robot, panda
 from ..world import RobotSpheres, geometry_of_model
-from ._shapes import add_shape, seen, shapes_of
+from ._shapes import Shape, add_shape, seen, shapes_of
+from ._skeleton import skeleton
 
 _SPHERES = (230, 120, 30)
 _HAND, _LINKS = (90, 100, 112), ((238, 240, 243), (206, 213, 222))
@@ -17,16 +19,12 @@ _HAND, _LINKS = (90, 100, 112), ((238, 240, 243), (206, 213, 222))
 class ArmView:
     """A robot drawn from the geometry of its file, moved by the poses of frames.
 
-    `frames`, those whose poses `move` wants, in its order; `more` frames may be asked for, that carry nothing.
-    **Raises** `RobotError` for a robot that was read from no file, or whose geometry cannot be read.
+    `frames`, those whose poses `move` wants, in its order; `more` frames may be asked for, that carry nothing. Where
+    there is no geometry, or it cannot be read, the robot is drawn as a skeleton, with a warning; `note` says why.
     """
 
     def __init__(self, server: Any, robot: Robot, spheres: RobotSpheres | None, more: tuple[str, ...] = ()):
-        if robot.source is None:
-            raise RobotError(f"{robot.name!r} was read from no file that could have its looks: load it from one.")
-        model = geometry_of_model(robot.source)
-        name_of = [model.body(b).name or f"body_{b}" for b in range(model.nbody)]
-        shapes = shapes_of(model, seen(model))
+        name_of, shapes, self.note = _looks(robot)
         carried = [name_of[shape.body] for shape in shapes] + list(spheres.frames if spheres else ()) + list(more)
         self.frames = tuple(name for name in dict.fromkeys(carried) if name in robot.frame_names)
         scene = server.scene
@@ -53,6 +51,19 @@ class ArmView:
         """Show the collision spheres, or hide them."""
         for node in self._spheres:
             node.visible = visible
+
+
+def _looks(robot: Robot) -> tuple[list[str], list[Shape], str]:
+    """The names of bodies, the shapes on them, and why they are a skeleton's, if they are."""
+    try:
+        model = geometry_of_model(robot, looks=True)
+        shapes, why = shapes_of(model, seen(model)), f"{robot.source} has no geometry."
+    except RobotError as error:
+        shapes, why = [], str(error)
+    if shapes:
+        return [model.body(b).name or f"body_{b}" for b in range(model.nbody)], shapes, ""
+    warnings.warn(f"{robot.name!r} is drawn as a skeleton: {why}", FileWarning, stacklevel=3)
+    return [body.name for body in robot.model.bodies], skeleton(robot), f"drawn as a skeleton: {why}"
 
 
 def _sphere_node(scene: Any, name: str, spheres: RobotSpheres) -> Any:

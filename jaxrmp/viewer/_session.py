@@ -97,6 +97,9 @@ class Session:
         self.furniture = FurnitureView(server, content.furniture) if content.furniture is not None else None
         self.trace = Trace(server)
         self.status = server.gui.add_markdown("compiling the policy ...")
+        looks = f"The arm is {self.arm.note}" if self.arm.note else ""
+        avoids = "The arm has no collision spheres: it avoids nothing." if policy.spheres is None else ""
+        self.notes = [server.gui.add_markdown(f"**{note}**") for note in (looks, avoids) if note]
         self.play = server.gui.add_button("Pause", icon="player-pause")
         self.reset = server.gui.add_button("Reset", icon="player-skip-back")
         self.speed = server.gui.add_slider("speed", 0.1, 4.0, step=0.1, initial_value=1.0)

@@ -53,11 +53,12 @@ def add_shape(scene: Any, name: str, shape: Shape, color: tuple[int, int, int] |
 
 
 def seen(model: Any) -> list[int]:
-    """The geometries of a robot that are there to be looked at: those that collide with nothing, such as visual meshes,
-    if there are any on its links, else all."""
+    """The geometries of a robot that are there to be looked at: of each link those that collide with nothing, such as
+    visual meshes, if there are any, else all."""
     links = [g for g in range(model.ngeom) if model.geom_bodyid[g] > 0]
-    visual = [g for g in links if not (model.geom_contype[g] or model.geom_conaffinity[g])]
-    return visual or links
+    visual = {g for g in links if not (model.geom_contype[g] or model.geom_conaffinity[g])}
+    dressed = {model.geom_bodyid[g] for g in visual}
+    return [g for g in links if g in visual or model.geom_bodyid[g] not in dressed]
 
 
 def _triangles(model: Any, g: int) -> tuple[np.ndarray, np.ndarray, bool] | None:

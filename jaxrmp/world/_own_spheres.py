@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from .._errors import ConfigurationError, RobotError
+from .._errors import ConfigurationError
 from ..kinematics import Robot
 from ._robot_spheres import RobotSpheres, cover_model, geometry_of_model
 from ._self_pairs import ignored_by_model, link_of, self_pairs
@@ -21,11 +21,7 @@ def own_spheres(robot: Robot, hand: str | None = None) -> RobotSpheres:
     **Raises** `RobotError` if the robot was read from no file or its geometry cannot be read (meshes that are not
     there), `ConfigurationError` if it has none, `UnknownNameError` for a frame that is not there.
     """
-    if robot.source is None:
-        raise RobotError(
-            f"{robot.name!r} was read from no file that could have its geometry: pass spheres of your own."
-        )
-    model = geometry_of_model(robot.source)
+    model = geometry_of_model(robot)
     whole = _finest(model, robot.source, _FINENESS[1:], None)
     link = None if hand is None else link_of(robot, hand)
     bodies = {name: robot.model.frames[robot.frame_index(name)].body for name in whole.frames}
@@ -43,7 +39,7 @@ def own_spheres(robot: Robot, hand: str | None = None) -> RobotSpheres:
 
 def own_self_pairs(robot: Robot, spheres: RobotSpheres) -> tuple[tuple[int, int], ...]:
     """The pairs of `spheres` that must not meet, by `self_pairs` and what the own file of `robot` excludes."""
-    return self_pairs(robot, spheres.frames, ignored_by_model(robot.source) if robot.source else None)
+    return self_pairs(robot, spheres.frames, ignored_by_model(robot) if robot.source else None)
 
 
 def _finest(model: Any, source: str, fineness: tuple[float, ...], frames: tuple[str, ...] | None) -> RobotSpheres:

@@ -2,7 +2,7 @@
 
 import functools
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import jax
@@ -13,7 +13,7 @@ from .._pytree import pytree, set_field, static
 from .._ranges import Finite, NonNegative, require_number
 from .._rotations import rotation_of_quaternion
 from ..kinematics import PANDA_MODEL, ControlPoints, Robot
-from ..kinematics._mujoco import import_mujoco, read_spec
+from ..kinematics._mujoco import compile_spec, import_mujoco, read_spec
 from ._cover import cover_box, cover_capsule, cover_convex_hull, cover_cylinder, cover_ellipsoid
 
 
@@ -82,7 +82,11 @@ class RobotSpheres:
 
 
 def spheres_from_model(
-    source: str | os.PathLike | Any, max_error: float = 0.01, *, frames: Sequence[str] | None = None
+    source: str | os.PathLike | Robot | Any,
+    max_error: float = 0.01,
+    *,
+    frames: Sequence[str] | None = None,
+    packages: Mapping[str, str | os.PathLike] | None = None,
 ) -> RobotSpheres:
     """Cover the geometry of an MJCF or URDF file with spheres.
 
@@ -90,26 +94,40 @@ def spheres_from_model(
     cylinders and ellipsoids are covered as they are, meshes as their convex hulls, which is how MuJoCo collides them.
     Geometry fixed to the world, and planes and height fields, are scenery and left out.
 
-    **Arguments**: `source`, the file (its meshes must be there), or a `mujoco.MjModel`; `max_error`, how far spheres
-    may stick out of the geometry, m: the smaller, the more spheres (a solid other than a capsule or a sphere needs
-    about its volume over the cube of this); `frames`, the bodies to cover, by default all.
+    **Arguments**: `source`, the file (its meshes must be there), a `Robot` that was read from one, or a
+    `mujoco.MjModel`; `max_error`, how far spheres may stick out of the geometry, m: the smaller, the more spheres (a
+    solid other than a capsule or a sphere needs about its volume over the cube of this); `frames`, the bodies to cover,
+    by default all; `packages`, see `load_robot`.
     **Returns** `RobotSpheres` whose frames are bodies; its `coverage_error` is the largest protrusion there is.
     **Raises** `RobotError` if the file cannot be read, `ConfigurationError` if `max_error` is not positive, asks for
     too many spheres, or `frames` names a body without geometry.
     """
     require_number("spheres_from_model", "max_error", max_error)
-    model = geometry_of_model(source) if isinstance(source, str | os.PathLike) else source
-    return cover_model(model, max_error, frames, str(source))
+    read = isinstance(source, str | os.PathLike | Robot)
+    model = geometry_of_model(source, packages) if read else source
+    return cover_model(model, max_error, frames, str(source.source if isinstance(source, Robot) else source))
 
 
-def geometry_of_model(source: str | os.PathLike) -> Any:
-    """The compiled MuJoCo model of a file, `source`, with all its bodies and geometry. **Raises** `RobotError`."""
-    spec = read_spec(source)
+def geometry_of_model(
+    source: str | os.PathLike | Robot,
+    packages: Mapping[str, str | os.PathLike] | None = None,
+    *,
+    looks: bool = False,
+) -> Any:
+    """The compiled MuJoCo model of a file, `source`, with all its bodies and geometry, for what needs no physics: every
+    body has the same inertia, and textures are left out.
+
+    `source` may be a `Robot` that was read from a file; `packages`, see `load_robot`, by default the robot's; `looks`,
+    whether a URDF's visual geometry is wanted, too, of links that have collision geometry.
+    **Raises** `RobotError` if the file, or a mesh that it names, is not there or cannot be read.
+    """
+    if isinstance(source, Robot):
+        if source.source is None:
+            raise RobotError(f"{source.name!r} was read from no file that could have its geometry: load it from one.")
+        source, packages = source.source, dict(source.model.packages) | dict(packages or {})
+    spec = read_spec(source, packages, looks=looks, physics=False)
     spec.compiler.fusestatic = spec.compiler.discardvisual = False
-    try:
-        return spec.compile()
-    except (OSError, ValueError) as error:
-        raise RobotError(f"{source} cannot be read with its geometry: {error}") from error
+    return compile_spec(spec, str(source), "cannot be read with its geometry")
 
 
 @functools.cache

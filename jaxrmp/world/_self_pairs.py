@@ -41,8 +41,8 @@ def self_pairs(
     return tuple(pairs)
 
 
-def ignored_by_model(source: str | os.PathLike) -> dict[str, tuple[str, ...]]:
-    """For each body of the MJCF or URDF file `source`, those it never touches in simulation, as for `self_pairs`.
+def ignored_by_model(source: str | os.PathLike | Robot) -> dict[str, tuple[str, ...]]:
+    """For each body of the file `source`, or of a robot's, those it never touches in simulation, as for `self_pairs`.
 
     These are the pairs that `contact/exclude` names, and those of which no two geometries have `contype` and
     `conaffinity` that meet. Bodies without geometry that collides are left out.

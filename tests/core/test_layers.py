@@ -35,7 +35,7 @@ OPTIONAL = [
 ALWAYS = {"jax", "numpy"}
 OWNERS = {"learning/_metric_network.py": {"flax"}, "learning/_metric_training.py": {"optax"}}
 OWNING_PARTS = {"synthetic": {"scipy"}, "visualization": {"matplotlib", "mpl_toolkits"}}
-LAZY_IN_CORE = {"kinematics/_mujoco.py": {"mujoco"}}
+LAZY_IN_CORE = {"kinematics/_mujoco.py": {"mujoco"}, "kinematics/_meshes.py": {"trimesh"}}
 
 # Which parts of jaxrmp a part may import, itself, the core (`jaxrmp/*.py`) and the machinery below it aside.
 LAYERS = {

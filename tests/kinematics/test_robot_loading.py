@@ -138,7 +138,7 @@ def test_a_coupling_to_nothing_locks_the_joint():
         ("", "cannot be read as MJCF or URDF"),
         (
             "<robot name='r'><link name='a'/><joint name='j' type='revolute'/></robot>",
-            "cannot be read|does not compile",
+            "the parent of joint 'j' is None",
         ),
     ],
 )
@@ -159,7 +159,7 @@ def test_closed_loops_are_fine_once_locked_and_when_they_only_drag_the_robot():
 def test_unreadable_files_are_named(tmp_path):
     with pytest.raises(RobotError, match=r"absent\.urdf: there is no such file"):
         load_robot(tmp_path / "absent.urdf")
-    with pytest.raises(RobotError, match="there is no such file"):
+    with pytest.raises(RobotError, match="this is a folder"):
         load_robot(tmp_path)
     path = tmp_path / "broken.xml"
     path.write_bytes(b"\x00\xff<mujoco")
