@@ -1,19 +1,22 @@
 """Which joints have a coordinate of their own: mimic joints follow a leader, locked joints stand still."""
 
+import fnmatch
 import math
+from collections.abc import Collection, Mapping
+from typing import Any
 
 from .._errors import RobotError, UnknownNameError
 from ._robot import Joint
 
 
 def resolve_couplings(
-    joints: list[Joint], m, ranges: list[tuple[float, float]], fixed: dict[str, float], source: str
+    joints: list[Joint], m, ranges: list[tuple[float, float]], fixed: Mapping[str, float | None], source: str
 ) -> tuple[list[Joint], tuple[str, ...], list[float], list[float]]:
     """Number the independent joints and express the others by them.
 
     **Arguments**: `joints` as in the file; `m`, the compiled MuJoCo model, whose equality constraints are all joint
-    couplings `y - y0 = a0 + a1 (x - x0)`; `ranges`, each joint's limits; `fixed`, positions of locked joints by name;
-    `source`, for messages.
+    couplings `y - y0 = a0 + a1 (x - x0)`; `ranges`, each joint's limits; `fixed`, positions of locked joints by name
+    or pattern, None for the one nearest to zero; `source`, for messages.
     **Returns** the joints with coordinate, multiplier and offset set; the names of the independent ones; their lower
     and upper limits.
     """
@@ -22,13 +25,13 @@ def resolve_couplings(
     roots = [_root(i, leader_of, joints, source) for i in range(len(joints))]
 
     value_of_root: dict[int, float] = {}
-    for name, value in fixed.items():
-        UnknownNameError.check("joint", name, index)
+    leaders = [joint.name for i, joint in enumerate(joints) if roots[i][0] == i]
+    for name, value in _by_name(fixed, index, leaders).items():
         i = index[name]
-        value = float(value)
+        low, high = ranges[i]
+        value = min(max(0.0, low), high) if value is None else float(value)
         if not math.isfinite(value):
             raise RobotError(f"{source}: fixed[{name!r}] is {value}, expected a finite number.")
-        low, high = ranges[i]
         if not low - 1e-9 <= value <= high + 1e-9:
             raise RobotError(f"{source}: fixed[{name!r}] is {value}, outside the joint's range [{low}, {high}].")
         root, multiplier, offset = roots[i]
@@ -55,6 +58,21 @@ def resolve_couplings(
         resolved.append(joint._replace(**follows))
     names = tuple(joints[i].name for i in free)
     return resolved, names, [ranges[i][0] for i in free], [ranges[i][1] for i in free]
+
+
+def _by_name(fixed: Mapping[str, Any], joints: Collection[str], leaders: list[str]) -> dict[str, Any]:
+    """A pattern as the joints that match it and follow no other; a joint's own name counts before any pattern."""
+    found = {}
+    for pattern, value in fixed.items():
+        if pattern not in joints and any(c in pattern for c in "*?["):
+            names = fnmatch.filter(leaders, pattern)
+            if not names:
+                raise UnknownNameError("joint that a pattern of fixed matches", pattern, leaders)
+            found |= {name: value for name in names if name not in fixed}
+        else:
+            UnknownNameError.check("joint", pattern, joints)
+            found[pattern] = value
+    return found
 
 
 def _leaders(joints: list[Joint], m, source: str) -> dict[int, tuple[int, float, float]]:

@@ -10,10 +10,13 @@ import numpy as np
 
 from .._errors import RobotError, UnsafeFileWarning
 from .._rotations import rotation_of_quaternion
+from ._arranged import mounted, with_tool
+from ._branch import keep_branch
 from ._couplings import resolve_couplings
 from ._mujoco import compile_spec, import_mujoco, parse_mjcf, parse_urdf, set_any_inertia
 from ._packages import require_folders
 from ._robot import Body, Frame, Joint, KinematicModel, Robot
+from ._robot_file import read_robot_file
 from ._robot_text import format_of, read_text
 from ._urdf import Urdf, read_urdf, warn_of
 
@@ -26,37 +29,57 @@ _NOT_KINEMATIC = (
 def load_robot(
     path: str | os.PathLike,
     *,
-    fixed: Mapping[str, float] | None = None,
+    fixed: Mapping[str, float | None] | None = None,
+    root: str | None = None,
+    mount: Any = None,
+    tools: Mapping[str, tuple[str, Any]] | None = None,
     name: str | None = None,
     packages: Mapping[str, str | os.PathLike] | None = None,
 ) -> Robot:
-    """Read a robot from the MJCF or URDF file at `path`.
+    """Read a robot from the MJCF or URDF file at `path`, or from a TOML file that names one (docs/guides/new_robot.md).
 
     Only the kinematics is read: meshes need not be there, links need no inertia. Joints may be revolute, prismatic
     or fixed, several to a body, in branching trees; fixed links and sites stay as frames. Mimic joints (URDF
     `mimic`, MJCF `equality/joint`) follow their leader and have no coordinate; the leader's own limits count.
 
-    **Arguments**: `fixed`, joints to lock and the positions to lock them at, rad or m (locking a mimic joint locks
-    its leader); `name`, the robot's name, by default the model's own; `packages`, folders of ROS packages by name, for
-    the meshes of `package://NAME/...` when the robot's geometry is asked for: others are looked for from the file
-    upwards and in ROS_PACKAGE_PATH.
+    **Arguments**: `fixed`, joints to lock, or patterns of their names such as `"*_finger_*"`, and the positions to lock
+    them at, rad or m, None for the one in their range that is nearest to zero (locking a mimic joint locks its leader);
+    `root`, the body that the robot begins with, where the file holds more, such as another arm: what is not above or
+    below it is left out, and joints above it that `fixed` does not name stay as in the file's reference posture;
+    `mount` [4, 4], where the base stands in the world, m, by default as in the file; `tools`, frames to add, as name to
+    frame and pose in it [4, 4]; `name`, the robot's name, by default the model's own; `packages`, folders of ROS
+    packages by name, for the meshes of `package://NAME/...` when the robot's geometry is asked for: others are looked
+    for from the file upwards and in ROS_PACKAGE_PATH.
     **Returns** a `Robot`. Position limits are read by the format's own rule: in URDF `lower` and `upper` are 0 where
     they are absent, and a continuous joint has none. Velocity limits come from URDF's `limit velocity`; where there is
     none they are infinite, with an `UnsafeFileWarning` if the `limit` leaves it out or it is not positive.
     **Raises** `RobotError` if the file cannot be read or holds a ball, free, floating or planar joint, a closed loop, a
     non-linear coupling, one name twice, a mimic of a joint that is not there, or a revolute or prismatic joint of URDF
-    without limits or with swapped ones; `UnknownNameError` if `fixed` names a joint that is not there.
+    without limits or with swapped ones; `UnknownNameError` if `fixed`, `root` or a tool names what is not there;
+    `RigidTransformError` for a pose that is none.
     """
+    if Path(path).suffix == ".toml":
+        given = {"fixed": fixed, "root": root, "mount": mount, "tools": tools, "name": name, "packages": packages}
+        return load_robot(**(read_robot_file(path) | {key: value for key, value in given.items() if value is not None}))
     text, folders = read_text(path), tuple(require_folders(packages).items())
-    return _robot_of(text, str(path), fixed, name, Path(path), folders)
+    robot = _robot_of(text, str(path), fixed, name, root, Path(path), folders)
+    for tool, (frame, T) in (tools or {}).items():
+        robot = with_tool(robot, tool, frame, T)
+    return robot if mount is None else mounted(robot, mount)
 
 
-def load_robot_from_string(xml: str, *, fixed: Mapping[str, float] | None = None, name: str | None = None) -> Robot:
+def load_robot_from_string(
+    xml: str,
+    *,
+    fixed: Mapping[str, float | None] | None = None,
+    root: str | None = None,
+    name: str | None = None,
+) -> Robot:
     """Read a robot from the text of an MJCF or URDF file, `xml`; the rest as `load_robot`."""
-    return _robot_of(xml, "the text", fixed, name)
+    return _robot_of(xml, "the text", fixed, name, root)
 
 
-def _robot_of(text, source, fixed, name, path=None, packages=()) -> Robot:
+def _robot_of(text, source, fixed, name, root=None, path=None, packages=()) -> Robot:
     mujoco, urdf = import_mujoco(), None
     if format_of(text, source) == "urdf":
         urdf = read_urdf(text, source)
@@ -67,6 +90,9 @@ def _robot_of(text, source, fixed, name, path=None, packages=()) -> Robot:
     else:
         spec = parse_mjcf(text, source, path)
         _warn_of_ranges(mujoco, spec, source)
+    gone = keep_branch(mujoco, spec, root, fixed or {}, source)
+    if urdf is not None:
+        urdf = urdf._replace(joints={name: joint for name, joint in urdf.joints.items() if name not in gone})
     loops = _strip(mujoco, spec)
     m = compile_spec(spec, source)
     _require_numbers(m, source)
@@ -83,7 +109,7 @@ def _robot_of(text, source, fixed, name, path=None, packages=()) -> Robot:
     _require_unique("body", bodies, source)
     _require_unique("joint", joints, source)
     ranges = _ranges(m, joints, urdf, source)
-    joints, joint_names, lower, upper = resolve_couplings(joints, m, ranges, dict(fixed or {}), source)
+    joints, joint_names, lower, upper = resolve_couplings(joints, m, ranges, fixed or {}, source)
     file = None if path is None else str(path.resolve())
     model = KinematicModel(
         name or spec.modelname, joint_names, bodies, tuple(joints), _frames(m, bodies), file, packages

@@ -29,7 +29,9 @@ def read_robot_file(path: str | os.PathLike) -> dict[str, Any]:
         UnknownNameError.check(f"key in {path}", key, _KEYS)
     for key, kind in (("file", str), ("fixed", dict), ("tools", dict), ("packages", dict)):
         if not isinstance(content.get(key, kind()), kind) or (key == "file" and not content.get("file")):
-            raise RobotError(f"{path}: {key} is {content.get(key)!r}, expected {'a path' if kind is str else 'a table'}.")
+            raise RobotError(
+                f"{path}: {key} is {content.get(key)!r}, expected {'a path' if kind is str else 'a table'}."
+            )
     folder = Path(path).parent
     found = {key: content[key] for key in ("name", "root", "fixed") if key in content}
     found["path"] = folder / content["file"]
@@ -52,5 +54,5 @@ def pose_of_numbers(numbers: Any, what: str) -> np.ndarray:
         values = np.zeros(0)
     if values.shape not in ((3,), (6,)) or not np.isfinite(values).all():
         raise RobotError(f"{what} is {numbers!r}, expected 3 or 6 numbers: x, y, z, m, and roll, pitch, yaw, rad.")
-    roll, pitch, yaw = (rotation_of_vector(angle * axis) for angle, axis in zip([*values[3:], 0, 0, 0], np.eye(3)))
+    roll, pitch, yaw = rotation_of_vector(np.diag(values[3:] if values.size > 3 else np.zeros(3)))
     return pose(values[:3], yaw @ pitch @ roll)

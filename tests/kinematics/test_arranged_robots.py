@@ -1,0 +1,104 @@
+"""One robot of a file that holds more, where it stands, what it holds, and what of it is locked."""
+
+import jax
+import numpy as np
+import pytest
+
+import jaxrmp
+from jaxrmp.kinematics import forward_kinematics, load_robot, load_robot_from_string
+
+ARM = """<body name="{0}_base" pos="{1} 0 0"><body name="{0}_upper" pos="0 0 .3">
+<joint name="{0}_pan" axis="0 0 1" range="-2 2"/><geom size=".05"/><body name="{0}_hand" pos=".4 0 0">
+<joint name="{0}_tilt" axis="0 1 0" range="-1 1"/><geom size=".04"/>
+<body name="{0}_left"><joint name="{0}_finger_1" type="slide" axis="0 1 0" range=".01 .04"/><geom size=".01"/></body>
+<body name="{0}_right"><joint name="{0}_finger_2" type="slide" axis="0 -1 0" range=".01 .04"/><geom size=".01"/></body>
+</body></body></body>"""
+BOTH = f"""<mujoco model="both"><compiler angle="radian" autolimits="true"/><worldbody>
+<body name="lift" pos="0 0 .5"><joint name="lift" type="slide" axis="0 0 1" range="0 .5"/><geom size=".05"/>
+{ARM.format("a", 0.2)}{ARM.format("b", -0.2)}</body>
+<body name="cup" pos="1 0 0"><freejoint name="cup"/><geom size=".03"/></body></worldbody>
+<equality><joint joint1="a_finger_2" joint2="a_finger_1"/><joint joint1="b_finger_2" joint2="b_finger_1"/></equality>
+</mujoco>"""
+
+
+@pytest.fixture
+def file(tmp_path):
+    (tmp_path / "both.xml").write_text(BOTH)
+    return tmp_path / "both.xml"
+
+
+def test_objects_that_lie_free_beside_a_robot_are_left_out_and_named():
+    with pytest.warns(jaxrmp.FileWarning, match="cup"):
+        robot = load_robot_from_string(BOTH)
+    assert robot.joint_names == ("lift", "a_pan", "a_tilt", "a_finger_1", "b_pan", "b_tilt", "b_finger_1")
+    assert "cup" not in robot.frame_names
+    with pytest.raises(jaxrmp.RobotError, match="free joint"):  # nothing else moves: it is the robot
+        load_robot_from_string('<mujoco><worldbody><body><freejoint/><geom size=".1"/></body></worldbody></mujoco>')
+
+
+def test_one_arm_of_two_on_a_column_that_stands_still_or_is_put_somewhere(file):
+    robot = load_robot(file, root="b_base", fixed={"*_finger_*": None})
+    assert robot.joint_names == ("b_pan", "b_tilt") and not any(name.startswith("a_") for name in robot.frame_names)
+    hand = forward_kinematics(robot, np.zeros(2), "b_hand")
+    np.testing.assert_allclose(hand[:3, 3], [0.2, 0, 0.8], atol=1e-6)
+    raised = load_robot(file, root="b_base", fixed={"*_finger_*": 0.02, "lift": 0.3})
+    np.testing.assert_allclose(forward_kinematics(raised, np.zeros(2), "b_hand")[:3, 3], [0.2, 0, 1.1], atol=1e-6)
+    with pytest.raises(jaxrmp.UnknownNameError, match="b_base"):
+        load_robot(file, root="c_base")
+
+
+@pytest.mark.filterwarnings("ignore::jaxrmp.FileWarning")
+def test_joints_are_locked_by_pattern(file):
+    robot = load_robot(file, fixed={"*_finger_*": None, "a_finger_1": 0.03, "[b]_pan": 0.5})
+    assert robot.joint_names == ("lift", "a_pan", "a_tilt", "b_tilt")
+    held = {joint.name: joint.offset for joint in robot.model.joints if joint.coordinate < 0}
+    assert held["a_finger_1"] == held["a_finger_2"] == 0.03 and held["b_finger_1"] == 0.01 and held["b_pan"] == 0.5
+    with pytest.raises(jaxrmp.UnknownNameError, match="claw"):
+        load_robot(file, fixed={"*_claw_*": None})
+
+
+@pytest.mark.filterwarnings("ignore::jaxrmp.FileWarning")
+def test_a_robot_file_says_where_it_stands_and_what_it_holds(file):
+    described = file.with_name("left.toml")
+    described.write_text(
+        'file = "both.xml"\nroot = "a_base"\nname = "left"\nmount = [0, 0, 1, 0, 0, 1.5707963267948966]\n'
+        '[fixed]\n"*finger*" = 0.02\n[tools.tcp]\nframe = "a_hand"\npose = [0.1, 0, 0]\n'
+    )
+    robot = load_robot(described)
+    assert robot.name == "left" and robot.joint_names == ("a_pan", "a_tilt") and robot.frame_names[-1] == "tcp"
+    q = np.array([0.2, 0.3])
+    with jax.enable_x64(True):
+        T = forward_kinematics(robot, q, "tcp")
+        plain = forward_kinematics(load_robot(file, root="a_base", fixed={"*finger*": 0.02}), q, "a_hand")
+    turn = np.array([[0.0, -1, 0, 0], [1, 0, 0, 0], [0, 0, 1, 1], [0, 0, 0, 1]])
+    shift = np.eye(4)
+    shift[0, 3] = 0.1
+    np.testing.assert_allclose(T, turn @ plain @ shift, atol=1e-9)
+    assert load_robot(described, root="b_base", fixed={"*finger*": 0.02}, tools={}).joint_names == ("b_pan", "b_tilt")
+
+
+@pytest.mark.parametrize(
+    ("text", "named"),
+    [
+        ("file = 3", "file"),
+        ("", "file"),
+        ('file = "both.xml"\nmount = [1, 2]', "mount"),
+        ('file = "both.xml"\n[tools.tcp]\nframe = "a_hand"', "tools.tcp"),
+        ('file = "both.xml"\n[tools.a_hand]\nframe = "a_hand"\npose = [0, 0, 0]', "another name"),
+        ('file = "absent.xml"', "absent.xml"),
+        ('file = "both.xml"\nfix = 1', "fixed"),
+        ("file = ", "TOML"),
+    ],
+)
+@pytest.mark.filterwarnings("ignore::jaxrmp.FileWarning")
+def test_robot_files_that_are_wrong(text, named, file):
+    described = file.with_name("robot.toml")
+    described.write_text(text)
+    with pytest.raises(jaxrmp.JaxrmpError, match=named):
+        load_robot(described)
+
+
+@pytest.mark.parametrize("pose", [np.eye(3), 2 * np.eye(4), np.diag([1.0, 1, -1, 1])])
+def test_poses_that_are_none(pose, file):
+    with pytest.raises(jaxrmp.RigidTransformError):
+        load_robot(file, root="a_base", mount=pose)
