@@ -2,6 +2,7 @@
 
 import argparse
 import contextlib
+import re
 import warnings
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -80,6 +81,8 @@ class _Findings:
 def _kind(file: Path) -> tuple[str, Callable]:
     if file.is_dir():
         return "demonstrations", _demonstrations
+    if file.suffix == ".toml" and file.is_file() and re.search(rb"^file *=", file.read_bytes(), re.MULTILINE):
+        return "robot", _robot_file
     kinds = {".toml": ("configuration", _configuration), ".npz": ("skill", _skill)}
     lula = dict.fromkeys((".xrdf", ".yaml", ".yml"), ("robot description (XRDF)", _xrdf))
     return (kinds | lula).get(file.suffix.lower(), ("robot", _robot_file))

@@ -74,6 +74,13 @@ def test_a_configuration_with_its_robot(check, tmp_path):
     assert code == 1 and "tool0" in said
 
 
+def test_a_robot_by_its_own_toml_file(check, tmp_path):
+    (tmp_path / "arm.urdf").write_text(ARM)
+    text = 'file = "arm.urdf"\n[tools.tcp]\nframe = "tool0"\npose = [0, 0, 0.1]\n'
+    code, found, _ = check("held.toml", text)
+    assert code == 0 and found["kind"] == "robot" and found["read"]["hand"] == "tcp"
+
+
 def test_what_is_no_such_file(check, tmp_path, capsys):
     for name in ("a.npz", "a.toml", "a.xrdf", "a.urdf"):
         code, found, _ = check(name, "nothing of the kind: [")
