@@ -57,6 +57,7 @@ LAYERS = {
     "viewer": {"inspection", "kinematics", "leaves", "learning", "policies", "scenes", "simulation", "world"},
     "cli": {
         "evaluation",
+        "io",
         "leaves",
         "kinematics",
         "learning",
