@@ -2,6 +2,7 @@
 PYTHON ?= python3
 VENV ?= .venv
 PEERS := .venv-peers
+ROBOTS := .robots
 BIN := $(VENV)/bin
 DATA := $(abspath ../shared/data)
 DEMO := out/drawer_closing/drawer_closing.skill.npz --scene drawer --json out/drawer_closing/run.json
@@ -16,7 +17,7 @@ endif
 export JAX_COMPILATION_CACHE_DIR ?= $(abspath .jax_cache)
 export JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS ?= 0
 
-.PHONY: demo test osmesa chromium check format docs bench peers clean
+.PHONY: demo test osmesa chromium check format docs bench peers robots clean
 
 demo: $(VENV)/.installed-demo osmesa
 	$(BIN)/jaxrmp learn configs/drawer_closing.toml --out out/drawer_closing
@@ -80,5 +81,12 @@ $(PEERS)/.installed: benchmarks/peers.txt
 	$(PEERS)/bin/python -m pip install --quiet --disable-pip-version-check -r benchmarks/peers.txt
 	@touch $@
 
+# Robots of others, for `python -m benchmarks robots`: their files alone.
+robots: $(ROBOTS)/.installed
+
+$(ROBOTS)/.installed: $(BIN)/python
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --target $(ROBOTS) example-robot-data==6.0.0
+	@touch $@
+
 clean:
-	rm -rf $(VENV) $(PEERS) .jax_cache out dist .pytest_cache .ruff_cache
+	rm -rf $(VENV) $(PEERS) $(ROBOTS) .jax_cache out dist .pytest_cache .ruff_cache

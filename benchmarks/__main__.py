@@ -16,6 +16,7 @@ ONE_CORE = tuple(name for name in _bars.NAMES if name not in ALL_CORES)
 LONG = (
     "reproduction",
     "scenes",
+    "robots",
     "physics",
     "evaluation",
     "tracker",
