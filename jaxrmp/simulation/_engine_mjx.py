@@ -88,7 +88,8 @@ class MjxEngine:
             clearance = jnp.minimum(state.track.clearance, problem.clearance(state.q))
             return state._replace(track=state.track._replace(clearance=clearance)), None
 
-        return jax.lax.scan(look, state, length=self.chunk // self.every)[0]
+        with jax.default_matmul_precision("highest"):  # MJX leaves most products to the default
+            return jax.lax.scan(look, state, length=self.chunk // self.every)[0]
 
     def _step(self, problem: Problem, state: MjxState) -> MjxState:
         mjx, model, scene = self._mjx, self._model, self.scene
