@@ -34,14 +34,16 @@ class HalfSpaces(PaddedObstacles):
 
     def __post_init__(self):
         super().__post_init__()
-        numerics: Any = jnp if isinstance(self.normal, jax.Array) else np
-        # What is ignored stays as it is, by a normal in its place that has a length, and so has gradients.
+        zero = () if isinstance(self.normal, Tracer) else np.flatnonzero((np.asarray(self.normal) == 0).all(-1))
+        if len(zero):
+            raise ConfigurationError(
+                f"normal of HalfSpaces is zero for obstacle {zero[0]}: give the free side's direction."
+            )
+        fields: Any = (self.normal, self.offset, self.active)
+        numerics: Any = jnp if any(isinstance(a, jax.Array) for a in fields) else np
+        # What is ignored stays so, but by way of a normal that has a length, and so has gradients.
         found, _ = self.usable()
         square = (found.normal * found.normal).sum(-1)
-        if not isinstance(square, Tracer) and (np.asarray(square) == 0).any():
-            raise ConfigurationError(
-                f"normal of HalfSpaces is zero for obstacle {int(np.argmin(square))}: give the free side's direction."
-            )
         good, nan = (found.active | ~self.active) & (square > 0), numerics.nan
         size = numerics.sqrt(numerics.where(square > 0, square, 1))
         set_field(self, "normal", numerics.where(good[:, None], found.normal / size[:, None], nan))

@@ -105,3 +105,14 @@ class World:
     def mask_inactive(self, values: jax.Array, fill: float) -> jax.Array:
         """`values` [..., O] with `fill` in place of those of inactive slots."""
         return jnp.where(self.active, values, fill)
+
+
+def ignored_in(tree: Any) -> jax.Array:
+    """`World.ignored` of all the worlds in `tree`, a policy's or any pytree: a point cloud given to `LulaPolicy.tree`
+    is one.
+
+    >>> int(ignored_in(World(spheres=Spheres.of([((0, 0, 2), 0.5)], capacity=2))))
+    0
+    """
+    found = jax.tree.leaves(tree, is_leaf=lambda x: isinstance(x, World))
+    return jnp.asarray(sum(x.ignored for x in found if isinstance(x, World)), int)
