@@ -16,6 +16,7 @@ class RelativePoints(TaskMap):
     such as `ControlPoints` of two arms.
     **Returns**, called with `q` [n], the differences [K, 3], m.
 
+    >>> import jax.numpy as jnp
     >>> from jaxrmp.kinematics import panda
     >>> hand, elbow = (ControlPoints(panda(), name) for name in ("panda_hand", "panda_link4"))
     >>> RelativePoints(hand, elbow)(jnp.zeros(7)).shape
@@ -43,6 +44,7 @@ class PointsInFrame(TaskMap):
     **Returns**, called with `q` [n], the points in the frame [K, 3], m.
     **Raises** `UnknownNameError` for an unknown frame.
 
+    >>> import jax.numpy as jnp
     >>> from jaxrmp.kinematics import panda
     >>> hand = ControlPoints(panda(), "panda_hand")
     >>> bool(jnp.allclose(PointsInFrame(panda(), "panda_hand", hand)(jnp.ones(7)), 0.0, atol=1e-6))

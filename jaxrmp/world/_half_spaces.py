@@ -34,7 +34,7 @@ class HalfSpaces(PaddedObstacles):
 
     def __post_init__(self):
         super().__post_init__()
-        zero = () if isinstance(self.normal, Tracer) else np.flatnonzero((np.asarray(self.normal) == 0).all(-1))
+        zero = [] if isinstance(self.normal, Tracer) else np.flatnonzero((np.asarray(self.normal) == 0).all(-1))
         if len(zero):
             raise ConfigurationError(
                 f"normal of HalfSpaces is zero for obstacle {zero[0]}: give the free side's direction."

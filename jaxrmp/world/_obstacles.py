@@ -136,7 +136,7 @@ class PaddedObstacles(Obstacles):
         sizes = {name for name, allowed in ranges_of(type(self)) if allowed is _SIZE}
         # Sums and comparisons alone: whatever is NaN or infinite, its sum is not below the bound.
         with np.errstate(invalid="ignore", over="ignore"):
-            good = sum(total(abs(field)) for field in fields) <= LARGEST
+            good: Any = sum(total(abs(field)) for field in fields) <= LARGEST
             for name, field in zip(names, fields, strict=True):
                 if name in sizes:
                     good = good & (total(abs(field) - field) <= 0)
