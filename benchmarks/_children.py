@@ -51,14 +51,3 @@ def stay_on_one_core() -> None:
     if hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
     jax.config.update("jax_cpu_enable_async_dispatch", False)
-
-
-def fast_mjx_flags() -> dict[str, str]:
-    """What a child that runs MJX needs in its environment; see `jaxrmp.simulation.FAST_ON_CPU`."""
-    import jax
-
-    from jaxrmp.simulation import FAST_ON_CPU
-
-    if jax.default_backend() != "cpu":
-        return {}
-    return {"XLA_FLAGS": f"{os.environ.get('XLA_FLAGS', '')} {FAST_ON_CPU}".strip()}

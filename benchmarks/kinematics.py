@@ -13,7 +13,7 @@ import numpy as np
 from jaxrmp.kinematics import PANDA_MODEL, forward_kinematics, geometric_jacobian, panda
 from jaxrmp.xla import own_cores
 
-from ._children import fast_mjx_flags, in_child
+from ._children import in_child
 from ._plots import bars
 from ._policies import states
 from ._timing import alternately, ratio
@@ -28,11 +28,11 @@ def rows(quick: bool = False) -> list[dict[str, Any]]:
     """One row a library and task, in float32: a single call, and a configuration of a batch of 4,096.
 
     `fk` is the hand's pose alone, `fk+jacobian` with the 6 x 7 geometric Jacobian. Each is checked against ours, in
-    float32, to 1e-5 before it is timed; calls take turns. MJX runs in a child process, for the flag that it needs.
+    float32, to 1e-5 before it is timed; calls take turns. MJX runs in a child process.
     """
     batch = 64 if quick else BATCH
     found = []
-    mjx = in_child("benchmarks.kinematics:mjx_rows", batch, quick, **fast_mjx_flags())
+    mjx = in_child("benchmarks.kinematics:mjx_rows", batch, quick)
     with tempfile.NamedTemporaryFile("w", suffix=".urdf") as file:
         file.write(urdf_chain(panda(), HAND))
         file.flush()
@@ -107,7 +107,7 @@ def pytorch_kinematics(urdf: Path) -> dict[str, Calls]:
 def mjx_rows(batch: int, quick: bool) -> dict[str, dict[str, Any]]:
     """MJX, in a process of its own; the same checks against ours."""
     from jaxrmp.kinematics._mujoco import import_mujoco
-    from jaxrmp.simulation._engine_mjx import import_mjx
+    from jaxrmp.simulation._engine_mjx import import_mjx, mjx_compiler_options
 
     mjx = import_mjx()
     spec = import_mujoco().MjSpec.from_file(str(PANDA_MODEL))
@@ -130,7 +130,7 @@ def mjx_rows(batch: int, quick: bool) -> dict[str, dict[str, Any]]:
         jacp, jacr = mjx.jac(device_model, d, d.xpos[hand], hand)
         return jnp.column_stack([d.xmat[hand], d.xpos[hand]]), jnp.concatenate([jacp.T, jacr.T])[:, joints]
 
-    library, reference = _of_jax({"fk": fk, "fk+jacobian": both}), ours()
+    library, reference = _of_jax({"fk": fk, "fk+jacobian": both}, mjx_compiler_options()), ours()
     found = {}
     for task in TASKS[-1:] if quick else TASKS:
         call = library[task]
@@ -147,9 +147,9 @@ def _fixed_after(robot: Any, frame: str) -> np.ndarray:
     return np.linalg.inv(T[0]) @ T[1]
 
 
-def _of_jax(functions: dict[str, Callable]) -> Calls:
+def _of_jax(functions: dict[str, Callable], options: dict[str, Any] | None = None) -> Calls:
     def call_of(function):
-        one, many = jax.jit(function), jax.jit(jax.vmap(function))
+        one, many = (jax.jit(f, compiler_options=options) for f in (function, jax.vmap(function)))
         return lambda q: jax.block_until_ready((many if q.ndim > 1 else one)(q))
 
     return {task: call_of(function) for task, function in functions.items()}

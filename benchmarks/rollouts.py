@@ -12,10 +12,10 @@ from jaxrmp.evaluation import scene_problem
 from jaxrmp.kinematics._mujoco import import_mujoco
 from jaxrmp.learning import load_skill
 from jaxrmp.scenes import scene
-from jaxrmp.simulation import MjxEngine, MujocoEngine, StopCriteria
+from jaxrmp.simulation import MjxEngine, MujocoEngine, StopCriteria, mjx_compiler_options
 from jaxrmp.xla import own_cores
 
-from ._children import fast_mjx_flags, in_child
+from ._children import in_child
 from ._plots import curves
 from ._policies import POSTURE
 from ._skills import skill_file
@@ -28,11 +28,11 @@ def rows(quick: bool = False) -> list[dict[str, Any]]:
     """One row an engine and batch: steps of a millisecond a second, of all starts together, in the drawer's scene.
 
     The policy is the learned drawer skill. `mujoco` is the engine that `jaxrmp evaluate` uses, a compiled call of the
-    policy a millisecond; `mujoco.rollout` steps on all cores with no policy. MJX runs in a child process, for the flag
-    that it needs on a CPU. The rows of `stage` say what MJX's time goes into, each up to and without the one before.
+    policy a millisecond; `mujoco.rollout` steps on all cores with no policy. MJX runs in a
+    child process. The rows of `stage` say what MJX's time goes into, each up to and without the one before.
     """
     batches = (4,) if quick else BATCHES
-    mjx = in_child("benchmarks.rollouts:mjx_rows", list(batches), quick, **fast_mjx_flags())
+    mjx = in_child("benchmarks.rollouts:mjx_rows", list(batches), quick)
     return [*native_rows(batches, quick), *mjx]
 
 
@@ -101,9 +101,10 @@ def stages(engine: MjxEngine, problem: Any, batch: int, quick: bool) -> list[dic
                 data = steps[stage](data)
             return data
 
-        programs[name] = jax.jit(jax.vmap(run))
+        programs[name] = jax.jit(jax.vmap(run), compiler_options=mjx_compiler_options())
     if not quick:
-        programs["policy, judge and all"] = jax.jit(jax.vmap(lambda s: engine._step(problem, s)))
+        whole = jax.vmap(lambda s: engine._step(problem, s))
+        programs["policy, judge and all"] = jax.jit(whole, compiler_options=mjx_compiler_options())
     device_state = jax.tree.map(jnp.asarray, state)
     calls = {n: (lambda f=f: jax.block_until_ready(f(device_state))) for n, f in programs.items()}
     taken = alternately(calls, rounds=2 if quick else 9, least=0.0 if quick else 0.1)

@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 
 from ._errors import ShapeError, UnknownNameError
-from ._linalg import cholesky_solve, lu_solve
+from ._linalg import cholesky_solve, einsum, lu_solve
 from ._pytree import pytree
 from .xla import materialise, one_loop
 
@@ -81,7 +81,7 @@ class CanonicalForm:
 
 def natural(form: CanonicalForm) -> NaturalForm:
     """The natural form of a policy given by its acceleration, `form`: `f = M a`."""
-    return NaturalForm(jnp.einsum("...ij,...j->...i", form.M, form.a), form.M)
+    return NaturalForm(einsum("...ij,...j->...i", form.M, form.a), form.M)
 
 
 def canonical(form: NaturalForm, method: Method = "cholesky") -> CanonicalForm:
@@ -111,7 +111,7 @@ def resolve(form: NaturalForm, method: Method = "cholesky") -> jax.Array:
     if method == "cholesky":
         return _solve_by_cholesky(form.M, form.f)
     if method == "pinv":
-        return jnp.einsum("...ij,...j->...i", jnp.linalg.pinv(form.M), form.f)
+        return einsum("...ij,...j->...i", jnp.linalg.pinv(form.M), form.f)
     if method == "lu":
         return lu_solve(form.M, form.f)
     raise UnknownNameError("method", method, get_args(Method))

@@ -12,6 +12,7 @@ import jax
 import jax.numpy as jnp
 
 from ._forms import DiagonalForm, NaturalForm
+from ._linalg import matmul
 from ._pytree import as_pytree, pytree, set_field, static
 from ._tree import Leaf, SeparableLeaf
 from .xla import one_loop
@@ -54,22 +55,22 @@ class GeometricDynamicalSystem(Leaf):
 
     def __call__(self, x, xd):
         def momentum(x, v):
-            return self.metric(x, v) @ xd
+            return matmul(self.metric(x, v), xd)
 
         def twice_kinetic_energy(x):
-            return xd @ self.metric(x, xd) @ xd
+            return _square(xd, self.metric(x, xd))
 
         Xi = 0.5 * jax.jacfwd(momentum, argnums=1)(x, xd)
         _, G_dot_xd = jax.jvp(lambda x: momentum(x, xd), (x,), (xd,))
         xi = G_dot_xd - 0.5 * jax.grad(twice_kinetic_energy)(x)
-        f = -jax.grad(self.potential)(x) - self.damping(x, xd) @ xd - xi
+        f = -jax.grad(self.potential)(x) - matmul(self.damping(x, xd), xd) - xi
         return NaturalForm(f, self.metric(x, xd) + Xi)
 
     def energy(self, x, xd):
-        return 0.5 * xd @ self.metric(x, xd) @ xd + self.potential(x)
+        return 0.5 * _square(xd, self.metric(x, xd)) + self.potential(x)
 
     def dissipation(self, x, xd):
-        return xd @ self.damping(x, xd) @ xd
+        return _square(xd, self.damping(x, xd))
 
 
 class SeparableGDS(SeparableLeaf):
@@ -109,6 +110,11 @@ class SeparableGDS(SeparableLeaf):
 
     def dissipation(self, x, xd):
         return jnp.sum(self.damping(x, xd) * xd * xd)
+
+
+def _square(xd, A):
+    """`xd^T A xd`."""
+    return matmul(matmul(xd, A), xd)
 
 
 @pytree

@@ -40,12 +40,12 @@ def rotation_of_vector(turn: Any) -> Any:
     small = square < 1e-12  # where the quotients below have no derivative, and their limits are right to rounding
     angle = xp.sqrt(xp.where(small, 1, square))
     x, y, z = xp.moveaxis(v, -1, 0)
-    zero = xp.zeros_like(x)
+    zero, eye = xp.zeros_like(x), xp.eye(3, dtype=v.dtype)
     rows = [[zero, -z, y], [z, zero, -x], [-y, x, zero]]
     K = xp.stack([xp.stack(row, axis=-1) for row in rows], axis=-2)
     first = xp.where(small, 1 - square / 6, xp.sin(angle) / angle)
     second = xp.where(small, 0.5, 2 * (xp.sin(angle / 2) / angle) ** 2)
-    return xp.eye(3, dtype=v.dtype) + first * K + second * K @ K
+    return eye + first * K + second * (v[..., None] * v[..., None, :] - square * eye)
 
 
 def nearest_rotation(A: np.ndarray) -> np.ndarray:

@@ -20,7 +20,7 @@ from jax.core import Tracer
 
 from ._errors import RigidTransformError, ShapeError
 from ._forms import DiagonalForm, Form, NaturalForm
-from ._linalg import length
+from ._linalg import einsum, length, matmul
 from ._pytree import as_pytree, pytree, set_field, static
 from ._ranges import NonNegative
 
@@ -122,11 +122,11 @@ def pull_form(there: Pushforward, form: Form, domain_axes: int) -> NaturalForm:
     if isinstance(form, DiagonalForm):
         f, MJ = form.f - form.d * there.c, form.d[..., None] * J
     else:
-        f, MJ = form.f - jnp.einsum("...ij,...j->...i", form.M, there.c), form.M @ J
+        f, MJ = form.f - einsum("...ij,...j->...i", form.M, there.c), matmul(form.M, J)
     if domain_axes == 1:
         f, J, MJ = f.reshape(-1), J.reshape(-1, J.shape[-1]), MJ.reshape(-1, J.shape[-1])
-        return NaturalForm(f @ J, J.T @ MJ)
-    return NaturalForm(jnp.einsum("...ij,...i->...j", J, f), jnp.swapaxes(J, -1, -2) @ MJ)
+        return NaturalForm(matmul(f, J), matmul(J.T, MJ))
+    return NaturalForm(einsum("...ij,...i->...j", J, f), matmul(jnp.swapaxes(J, -1, -2), MJ))
 
 
 @pytree
@@ -188,11 +188,11 @@ class Affine(TaskMap):
     b: jax.Array
 
     def __call__(self, x):
-        return jnp.asarray(self.A, x.dtype) @ x + jnp.asarray(self.b, x.dtype)
+        return matmul(jnp.asarray(self.A, x.dtype), x) + jnp.asarray(self.b, x.dtype)
 
     def pushforward(self, x, xd):
         A = jnp.asarray(self.A, x.dtype)
-        return Pushforward(self(x), A @ xd, A, jnp.zeros(A.shape[:1], x.dtype))
+        return Pushforward(self(x), matmul(A, xd), A, jnp.zeros(A.shape[:1], x.dtype))
 
 
 @pytree
@@ -221,21 +221,21 @@ class RigidTransform(TaskMap):
 
     def __call__(self, x):
         R, t = self._rotation_and_origin(x.dtype)
-        return (x - t) @ R
+        return matmul(x - t, R)
 
     def pushforward(self, x, xd):
         R, t = self._rotation_and_origin(x.dtype)
         J = jnp.broadcast_to(R.T, (*x.shape[:-1], 3, 3))
-        return Pushforward((x - t) @ R, xd @ R, J, jnp.zeros_like(x))
+        return Pushforward(matmul(x - t, R), matmul(xd, R), J, jnp.zeros_like(x))
 
     def transport(self, x, xd):
         R, t = self._rotation_and_origin(x.dtype)
 
         def pull(form):
             form = form.dense()
-            return NaturalForm(form.f @ R.T, jnp.einsum("ai,...ij,bj->...ab", R, form.M, R))
+            return NaturalForm(matmul(form.f, R.T), einsum("ai,...ij,bj->...ab", R, form.M, R))
 
-        return Transport((x - t) @ R, xd @ R, pull)
+        return Transport(matmul(x - t, R), matmul(xd, R), pull)
 
     def _rotation_and_origin(self, dtype):
         T = jnp.asarray(self.T_world_frame, dtype)
@@ -291,8 +291,8 @@ class Composition(TaskMap):
         total = pushforward(self.maps[0], x, xd)
         for psi in self.maps[1:]:
             step = pushforward(psi, total.y, total.yd)
-            c = step.c + jnp.einsum("...ij,...j->...i", step.J, total.c)
-            total = Pushforward(step.y, step.yd, step.J @ total.J, c)
+            c = step.c + einsum("...ij,...j->...i", step.J, total.c)
+            total = Pushforward(step.y, step.yd, matmul(step.J, total.J), c)
         return total
 
     def transport(self, x, xd):

@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 
 from ._forms import NaturalForm
-from ._linalg import cholesky, solve_lower, solve_lower_transposed
+from ._linalg import cholesky, matmul, solve_lower, solve_lower_transposed
 from ._ranges import require_number
 
 _MOST_STEPS = 50  # Newton's steps rise to the root without overshoot; two to five are usual.
@@ -48,8 +48,8 @@ def resolve_within(form: NaturalForm, max_norm: jax.Array | float, tolerance: ja
     def rise(L, a, bound):
         """Newton's step in lambda."""
         w = solve_lower(L, a)
-        square = a @ a
-        return square / (w @ w) * (jnp.sqrt(square) - bound) / bound
+        square = matmul(a, a)
+        return square / matmul(w, w) * (jnp.sqrt(square) - bound) / bound
 
     def is_far(state):
         step, _, L_and_a = state
@@ -75,4 +75,4 @@ def resolve_within(form: NaturalForm, max_norm: jax.Array | float, tolerance: ja
 
 
 def _norm(a: jax.Array) -> jax.Array:
-    return jnp.sqrt(a @ a)
+    return jnp.sqrt(matmul(a, a))

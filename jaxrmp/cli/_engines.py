@@ -1,34 +1,10 @@
 """Which engine moves the joints, as named on the command line."""
 
 import argparse
-import os
-import subprocess
-import sys
 from typing import Any
 
-from .._errors import ConfigurationError, RolloutError
+from .._errors import ConfigurationError
 from ..kinematics import Robot
-
-
-def again_with_fast_xla(arguments: argparse.Namespace) -> bool:
-    """Run the command in a child process whose XLA runs MJX fast on a CPU, and say so, if that is needed: whether it
-    was.
-
-    XLA reads its flags once, before anything else, so this process may be too late to set them.
-    **Raises** `RolloutError` if it fails.
-    """
-    from ..simulation import FAST_ON_CPU
-
-    given = os.environ.get("XLA_FLAGS", "")
-    if arguments.physics != "mjx" or FAST_ON_CPU.split("=")[0] in given:
-        return False
-    if not arguments.quiet:
-        print(f"MJX: running in a child process with XLA_FLAGS={FAST_ON_CPU}", file=sys.stderr, flush=True)
-    command = [sys.executable, "-m", "jaxrmp", *arguments.command_line]
-    environment = {**os.environ, "XLA_FLAGS": f"{given} {FAST_ON_CPU}".strip()}
-    if code := subprocess.run(command, env=environment, check=False).returncode:
-        raise RolloutError(f"the child process ended with exit code {code}; see above.")
-    return True
 
 
 def engine_of(arguments: argparse.Namespace, skill: Any, robot: Robot, criteria: Any) -> tuple[Any, Any]:

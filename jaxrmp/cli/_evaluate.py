@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from .._errors import ConfigurationError, RolloutError
-from ._engines import again_with_fast_xla, engine_of
+from ._engines import engine_of
 from ._output import made_by, progress_bar, write_arrays, write_json
 from ._processes import spawn
 
@@ -17,8 +17,6 @@ from ._processes import spawn
 def run(arguments: argparse.Namespace, rest: list[str]) -> None:
     if arguments.processes > 1 and arguments.process is None:
         spawn(arguments.processes, arguments.command_line)
-        return
-    if again_with_fast_xla(arguments):
         return
     _prepare_jax(arguments)
     import jax

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._certificate import certificate, uncertified_leaves
-from .._linalg import cholesky_solve
+from .._linalg import cholesky_solve, matmul
 from ..learning._basin import cluster
 from ..leaves import Learned
 from ..simulation import Problem
@@ -130,12 +130,12 @@ def _search(potential, x):
         def step(carry, _):
             x, g, stiffness = carry
             H = hessian(x)
-            normal = H.T @ H + stiffness * jnp.eye(x.shape[0], dtype=x.dtype)
-            move = cholesky_solve(normal, H.T @ g)
+            normal = matmul(H.T, H) + stiffness * jnp.eye(x.shape[0], dtype=x.dtype)
+            move = cholesky_solve(normal, matmul(H.T, g))
             length = jnp.sqrt(jnp.sum(move * move))
             ahead = x - move * jnp.minimum(1, 0.05 / jnp.maximum(length, 1e-12))
             g_ahead = gradient(ahead)
-            better = g_ahead @ g_ahead < g @ g
+            better = matmul(g_ahead, g_ahead) < matmul(g, g)
             stiffness = jnp.clip(stiffness * jnp.where(better, 0.3, 4.0), 1e-8, 1e8)
             return (jnp.where(better, ahead, x), jnp.where(better, g_ahead, g), stiffness), None
 

@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._linalg import einsum, matmul
 from .._pytree import pytree, static
 from .._task_map import pushforward
 from .._visitor import Gather, scaled
@@ -61,8 +62,8 @@ def _pulled_back(rows: Rows, there, domain_axes: int) -> Rows:
     """`f = J^T (f_y - M_y c)`, `M = J^T M_y J`, row by row; summed over points if the domain is one vector."""
     at = tuple(np.asarray(index) for index in rows.at) or None
     J, c = there.J[at], there.c[at]  # indexed by None, they get one axis for all rows
-    f = jnp.einsum("...ij,...i->...j", J, rows.f - jnp.einsum("...ij,...j->...i", rows.M, c))
-    M = jnp.swapaxes(J, -1, -2) @ rows.M @ J
+    f = einsum("...ij,...i->...j", J, rows.f - einsum("...ij,...j->...i", rows.M, c))
+    M = matmul(matmul(jnp.swapaxes(J, -1, -2), rows.M), J)
     if domain_axes > 1:
         return replace(rows, f=f, M=M)
     points = tuple(range(1, f.ndim - 1))

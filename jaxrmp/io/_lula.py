@@ -75,7 +75,8 @@ class LulaPolicy:
         `position_target` [3], m, where its origin shall be; `x_axis_target`, `y_axis_target`, `z_axis_target` [3], unit
         vectors, where its axes shall point; `cspace_target` [n], the posture, by default the XRDF's; `world`, the
         obstacles; `point_cloud` [N, 3], m, points that count as spheres of the file's margin, padded with points far
-        away to keep N. All of them in the robot's base frame, and what is left out does not act.
+        away, or NaN, to keep N: what is not finite is ignored, and `world.ignored_in(tree)` counts it. All of them in
+        the robot's base frame, and what is left out does not act.
         **Raises** `ShapeError`, `UnknownNameError` for a frame, `ConfigurationError` for an axis target that is not of
         unit length, a point cloud that the files have no leaf for, or one larger than they allow.
         """

@@ -8,6 +8,7 @@ import numpy as np
 
 from .._errors import ShapeError
 from .._forms import NaturalForm
+from .._linalg import matmul
 from .._pytree import as_floats, pytree, set_field, static
 from .._task_map import Pushforward, TaskMap, Transport
 from ..xla import concatenated, one_loop
@@ -97,7 +98,7 @@ class ControlPoints(TaskMap):
             MJ = [jnp.asarray(sum(M[i][j] * J[j] for j in range(3))) for i in range(3)]
             # One product of all components: where it is no loop of scalars, XLA:CPU takes as long for a small one.
             whole = jnp.concatenate(J, axis=1)
-            return whole @ jnp.concatenate(f), whole @ jnp.concatenate(MJ, axis=1).T
+            return matmul(whole, jnp.concatenate(f)), matmul(whole, jnp.concatenate(MJ, axis=1).T)
 
         def pull_form(form):
             form = form.dense()

@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._linalg import matmul
 from ..xla import concatenated
 from ._motion import JointAxis
 from ._robot import KinematicModel
@@ -51,7 +52,7 @@ def line_rows(
     joints = moving(model, axes)
     sign = _above(model, joints, ends[0], dtype) - _above(model, joints, ends[1], dtype)
     lines = jnp.stack([*direction, *moment])
-    return by_coordinate(model, joints, sign * (twists(model, joints, axes, ZERO, dtype).T @ lines))
+    return by_coordinate(model, joints, sign * matmul(twists(model, joints, axes, ZERO, dtype).T, lines))
 
 
 def twists(
@@ -97,7 +98,7 @@ def by_coordinate(model: KinematicModel, joints: list[int], rows: jax.Array) -> 
     if of_coordinate == list(range(n)):
         return rows
     sums = np.array([[c == i for c in of_coordinate] for i in range(n)], rows.dtype).reshape(n, len(joints))
-    return jnp.asarray(sums @ rows)
+    return matmul(sums, rows)
 
 
 def _entries(several: list[list[Vector]], dtype: Any) -> list[Vector]:

@@ -1,7 +1,6 @@
 """Points of the robot as seen from other points and frames of it."""
 
-import jax.numpy as jnp
-
+from .._linalg import einsum, matmul
 from .._pytree import pytree, static
 from .._task_map import Pushforward, TaskMap, pushforward
 from ._control_points import ControlPoints
@@ -17,6 +16,7 @@ class RelativePoints(TaskMap):
     such as `ControlPoints` of two arms.
     **Returns**, called with `q` [n], the differences [K, 3], m.
 
+    >>> import jax.numpy as jnp
     >>> from jaxrmp.kinematics import panda
     >>> hand, elbow = (ControlPoints(panda(), name) for name in ("panda_hand", "panda_link4"))
     >>> RelativePoints(hand, elbow)(jnp.zeros(7)).shape
@@ -44,6 +44,7 @@ class PointsInFrame(TaskMap):
     **Returns**, called with `q` [n], the points in the frame [K, 3], m.
     **Raises** `UnknownNameError` for an unknown frame.
 
+    >>> import jax.numpy as jnp
     >>> from jaxrmp.kinematics import panda
     >>> hand = ControlPoints(panda(), "panda_hand")
     >>> bool(jnp.allclose(PointsInFrame(panda(), "panda_hand", hand)(jnp.ones(7)), 0.0, atol=1e-6))
@@ -58,15 +59,15 @@ class PointsInFrame(TaskMap):
         self.robot.frame_index(self.frame)
 
     def __call__(self, x):
-        return self._offsets()(x) @ FrameAxes(self.robot, self.frame)(x).T
+        return matmul(self._offsets()(x), FrameAxes(self.robot, self.frame)(x).T)
 
     def pushforward(self, x, xd):
         p, axes = self._offsets().pushforward(x, xd), FrameAxes(self.robot, self.frame).pushforward(x, xd)
-        R_frame_world = axes.y
-        J = jnp.einsum("ain,ki->kan", axes.J, p.y) + jnp.einsum("ai,kin->kan", R_frame_world, p.J)
-        yd = p.y @ axes.yd.T + p.yd @ R_frame_world.T
-        c = p.y @ axes.c.T + 2 * p.yd @ axes.yd.T + p.c @ R_frame_world.T
-        return Pushforward(p.y @ R_frame_world.T, yd, J, c)
+        R_frame_world, R_world_frame = axes.y, axes.y.T
+        J = einsum("ain,ki->kan", axes.J, p.y) + einsum("ai,kin->kan", R_frame_world, p.J)
+        yd = matmul(p.y, axes.yd.T) + matmul(p.yd, R_world_frame)
+        c = matmul(p.y, axes.c.T) + 2 * matmul(p.yd, axes.yd.T) + matmul(p.c, R_world_frame)
+        return Pushforward(matmul(p.y, R_world_frame), yd, J, c)
 
     def _offsets(self) -> RelativePoints:
         return RelativePoints(self.points, ControlPoints(self.robot, (self.frame,)))

@@ -1,9 +1,11 @@
 """The network that gives a learned metric its Cholesky factor. The only module that knows flax."""
 
+from functools import partial
 from typing import Any
 
 import jax
 import jax.numpy as jnp
+from jax.lax import Precision
 
 from .._errors import UnknownNameError, importing
 from .._pytree import pytree, static
@@ -28,16 +30,12 @@ class CholeskyNetwork(nn.Module):
 
     @nn.compact
     def __call__(self, x):
-        m = self.dimension
+        m, dense = self.dimension, partial(nn.Dense, param_dtype=self.param_dtype, precision=Precision.HIGHEST)
         for width in self.hidden:
-            x = getattr(nn, self.activation)(nn.Dense(width, param_dtype=self.param_dtype)(x))
-        diagonal = nn.Dense(
-            m,
-            kernel_init=nn.initializers.normal(0.01),
-            bias_init=nn.initializers.constant(1 - self.offset),
-            param_dtype=self.param_dtype,
-        )(x)
-        below = nn.Dense(m * (m - 1) // 2, kernel_init=nn.initializers.normal(0.01), param_dtype=self.param_dtype)(x)
+            x = getattr(nn, self.activation)(dense(width)(x))
+        small = nn.initializers.normal(0.01)
+        diagonal = dense(m, kernel_init=small, bias_init=nn.initializers.constant(1 - self.offset))(x)
+        below = dense(m * (m - 1) // 2, kernel_init=small)(x)
         return _lower_triangular(jnp.abs(diagonal) + self.offset, below)
 
 

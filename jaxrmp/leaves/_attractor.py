@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 
 from .._gds import GeometricDynamicalSystem
+from .._linalg import matmul
 from .._pytree import pytree, static
 from .._ranges import NonNegative, Positive
 from ._gaussian_well import gaussian_weight, gaussian_well
@@ -44,12 +45,12 @@ class Attractor(GeometricDynamicalSystem):
     def metric(self, x, xd):
         z = x - jnp.asarray(self.goal, x.dtype)
         width, near, far = _as(x.dtype, self.width, self.weight_near, self.weight_far)
-        return gaussian_weight(z @ z, width, near, far) * jnp.eye(x.shape[0], dtype=x.dtype)
+        return gaussian_weight(matmul(z, z), width, near, far) * jnp.eye(x.shape[0], dtype=x.dtype)
 
     def potential(self, x):
         z = x - jnp.asarray(self.goal, x.dtype)
         width, sharpness, near, far = _as(x.dtype, self.width, self.sharpness, self.weight_near, self.weight_far)
-        return (self.gain * gaussian_well(z @ z, width, sharpness, near, far)).astype(x.dtype)
+        return (self.gain * gaussian_well(matmul(z, z), width, sharpness, near, far)).astype(x.dtype)
 
 
 def _as(dtype, *values):

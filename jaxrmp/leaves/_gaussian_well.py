@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._linalg import matmul
 from ._smooth_ratios import tanh_ratio
 from ._with_slope import with_slope
 
@@ -23,7 +24,7 @@ def by_quadrature(square, width, sharpness, near, far):
     layer = 2 * jnp.exp(-s * s / (2 * width * width)) * jax.nn.sigmoid(-2 * sharpness * s)
     bell = width * math.sqrt(math.pi / 2) * jax.scipy.special.erf(r / (math.sqrt(2) * width))
     flat = r + (jnp.log1p(jnp.exp(-2 * sharpness * r)) - math.log(2)) / sharpness
-    return (near - far) * (bell - end * (layer @ jnp.asarray(_WEIGHTS, square.dtype))) + far * flat
+    return (near - far) * (bell - end * matmul(layer, jnp.asarray(_WEIGHTS, square.dtype))) + far * flat
 
 
 def gaussian_well_slope(square, width, sharpness, near, far):

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 
 from .._forms import NaturalForm
 from .._gds import GeometricDynamicalSystem
-from .._linalg import solve_lower, solve_lower_transposed
+from .._linalg import matmul, solve_lower, solve_lower_transposed
 from .._pytree import as_pytree, pytree, set_field, static
 from .._ranges import NonNegative
 
@@ -47,15 +47,15 @@ class Learned(GeometricDynamicalSystem):
         # G = L L^T does not depend on velocity: its curvature terms take one pass along xd and one pass back.
         L, back = jax.vjp(self.cholesky_of, x)
         _, L_dot = jax.jvp(self.cholesky_of, (x,), (xd,))
-        M, momentum = L @ L.T, L.T @ xd
+        M, momentum = matmul(L, L.T), matmul(L.T, xd)
         (kinetic_slope,) = back(jnp.outer(xd, momentum))
-        xi = L_dot @ momentum + L @ (L_dot.T @ xd) - kinetic_slope
-        f = -jax.grad(self.potential)(x) - self.damping_rate * (M @ xd) - xi
+        xi = matmul(L_dot, momentum) + matmul(L, matmul(L_dot.T, xd)) - kinetic_slope
+        f = -jax.grad(self.potential)(x) - self.damping_rate * matmul(M, xd) - xi
         return NaturalForm(f.astype(x.dtype), M.astype(x.dtype))
 
     def metric(self, x, xd):
         L = self.cholesky_of(x)
-        return L @ L.T
+        return matmul(L, L.T)
 
     def potential(self, x):
         return (self.speed * self.damping_rate * self.potential_of(x)).astype(x.dtype)

@@ -5,6 +5,7 @@ import math
 import jax
 import jax.numpy as jnp
 
+from .._linalg import matmul
 from .._pytree import pytree
 from ._with_slope import with_slope
 
@@ -44,8 +45,8 @@ class NominalPotential:
 def _by_definition(x, points, biases, end_slope, width, sharpness):
     """`Phi(x)`, all of one dtype."""
     square, weights = _distances_and_weights(x, points, width)
-    valley = weights @ (log_cosh_of_square(square, sharpness) + biases)
-    return valley - jnp.exp(-square[-1] / (2 * width**2)) * ((x - points[-1]) @ end_slope)
+    valley = matmul(weights, log_cosh_of_square(square, sharpness) + biases)
+    return valley - jnp.exp(-square[-1] / (2 * width**2)) * matmul(x - points[-1], end_slope)
 
 
 def _slope(x, points, biases, end_slope, width, sharpness):
@@ -53,11 +54,11 @@ def _slope(x, points, biases, end_slope, width, sharpness):
     square, weights = _distances_and_weights(x, points, width)
     heights = log_cosh_of_square(square, sharpness) + biases
     pull = _tanh_ratio_of_square(square, sharpness)
-    c = weights * (pull - (heights - weights @ heights) / width**2)
+    c = weights * (pull - (heights - matmul(weights, heights)) / width**2)
     offset = x - points[-1]
     bell = jnp.exp(-square[-1] / (2 * width**2))
     # As one product with the points; the offsets from them, an array for every x, would cost more than all the rest.
-    return jnp.sum(c) * x - c @ points - bell * (end_slope - offset * (offset @ end_slope) / width**2)
+    return jnp.sum(c) * x - matmul(c, points) - bell * (end_slope - offset * matmul(offset, end_slope) / width**2)
 
 
 _potential = with_slope(_by_definition, _slope)  # the slope that autodiff writes takes ten times as long

@@ -7,7 +7,7 @@ from jax.core import Tracer
 
 from .._errors import ShapeError
 from .._gds import GeometricDynamicalSystem
-from .._linalg import length
+from .._linalg import length, matmul
 from .._pytree import pytree, set_field, static
 from .._ranges import NonNegative, Positive
 from .._rotations import pose
@@ -69,6 +69,6 @@ class OrientationAttractor(GeometricDynamicalSystem):
 
     def potential(self, x):
         offset = x - jnp.asarray(self.R_world_goal, x.dtype).reshape(9)
-        u = offset @ offset / 8
+        u = matmul(offset, offset) / 8
         well = u / (1 + jnp.sqrt(1 - (1 - self.rounding) * u))
         return (4 * self.weight * self.stiffness * well).astype(x.dtype)

@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 
 from .._gds import GeometricDynamicalSystem
+from .._linalg import matmul
 from .._pytree import pytree, static
 from .._ranges import NonNegative, Positive
 from ._gaussian_well import gaussian_weight, gaussian_well
@@ -54,7 +55,7 @@ class StretchedAttractor(GeometricDynamicalSystem):
 
     def metric(self, x, xd):
         z = x - jnp.asarray(self.goal, x.dtype)
-        square = z @ z
+        square = matmul(z, z)
         width, near, far = self._weights(x.dtype)
         # (1 - a) / r^2 = (1 - floor) (1 - exp(-v)) / (2 s^2 v) at v = r^2 / (2 s^2), finite at the goal.
         v = square / (2 * self.stretch_width**2)
@@ -66,7 +67,7 @@ class StretchedAttractor(GeometricDynamicalSystem):
     def potential(self, x):
         z = x - jnp.asarray(self.goal, x.dtype)
         width, near, far = self._weights(x.dtype)
-        well = gaussian_well(z @ z, width, jnp.asarray(self.sharpness, x.dtype), near, far)
+        well = gaussian_well(matmul(z, z), width, jnp.asarray(self.sharpness, x.dtype), near, far)
         return (self.gain * (1 + self.isotropy) * well).astype(x.dtype)
 
     def _weights(self, dtype):

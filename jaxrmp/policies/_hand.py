@@ -6,8 +6,8 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.lax import Precision
 
+from .._linalg import matmul
 from .._pytree import pytree, static
 from .._tree import Node, pullback
 from ..kinematics import FrameRotation, Position, Robot
@@ -54,5 +54,5 @@ class HandGoal:
 
     def tree(self, robot: Robot, T_world_target: jax.Array) -> Node:
         """The policy of a `robot` with the target at `T_world_target` [4, 4]."""
-        T = jnp.matmul(jnp.asarray(T_world_target), self.T_target_frame, precision=Precision.HIGHEST)
+        T = matmul(jnp.asarray(T_world_target), self.T_target_frame)
         return hand_at(robot, self.frame, T, self.position, self.orientation)

@@ -16,8 +16,8 @@ from ._engine import Outcomes as Outcomes
 from ._engine import largest_batch as largest_batch
 from ._engine import simulate as simulate
 from ._engine_kinematic import KinematicEngine as KinematicEngine
-from ._engine_mjx import FAST_ON_CPU as FAST_ON_CPU
 from ._engine_mjx import MjxEngine as MjxEngine
+from ._engine_mjx import mjx_compiler_options as mjx_compiler_options
 from ._engine_mujoco import MujocoEngine as MujocoEngine
 from ._judge import End as End
 from ._judge import Problem as Problem

@@ -36,7 +36,7 @@ def computed_torque(dynamics: ArmDynamics, qdd: Any, limit: Any) -> Torque:
 
     Siciliano et al., Robotics: Modelling, Planning and Control, section 8.5.2.
     """
-    wanted = dynamics.mass_matrix @ qdd + dynamics.bias
+    wanted = (dynamics.mass_matrix * qdd).sum(-1) + dynamics.bias
     torque = wanted.clip(-limit, limit)
     return Torque(torque, torque != wanted)
 

@@ -1,6 +1,7 @@
 """Many rollouts in MJX: policy and physics in one compiled program, on whatever devices there are."""
 
 import contextlib
+import functools
 import io
 import logging
 from typing import Any, NamedTuple
@@ -16,8 +17,19 @@ from ._devices import Devices
 from ._judge import End, Problem, StopCriteria, Track, judged
 from ._step import command
 
-FAST_ON_CPU = "--xla_cpu_use_fusion_emitters=false"
-"""What XLA_FLAGS must hold on a CPU before JAX is used: without it MJX takes some 200 times as long."""
+
+@functools.cache
+def mjx_compiler_options() -> dict[str, bool]:
+    """What `jax.jit(..., compiler_options=...)` needs for programs with MJX in them: nothing but on a CPU whose jaxlib
+    is older than 0.11, where MJX without `xla_cpu_use_fusion_emitters=False` takes some 200 times as long."""
+    if jax.default_backend() != "cpu":
+        return {}
+    options = {"xla_cpu_use_fusion_emitters": False}
+    try:
+        jax.jit(lambda x: x, compiler_options=options).lower(0).compile()
+    except jax.errors.JaxRuntimeError:  # a jaxlib that does not know it, and needs it no more
+        return {}
+    return options
 
 
 class MjxState(NamedTuple):
@@ -62,7 +74,8 @@ class MjxEngine:
         self._template = self._mjx.make_data(scene.model).replace(
             mocap_pos=jnp.asarray(first.mocap_pos, jnp.float32), mocap_quat=jnp.asarray(first.mocap_quat, jnp.float32)
         )
-        self._advance = jax.jit(self.devices.each(jax.vmap(self._chunk, in_axes=(None, 0))))
+        every_one = self.devices.each(jax.vmap(self._chunk, in_axes=(None, 0)))
+        self._advance = jax.jit(every_one, compiler_options=mjx_compiler_options())
 
     def begin(self, q: np.ndarray) -> MjxState:
         """States at rest at `q` [B, n]."""
@@ -88,7 +101,8 @@ class MjxEngine:
             clearance = jnp.minimum(state.track.clearance, problem.clearance(state.q))
             return state._replace(track=state.track._replace(clearance=clearance)), None
 
-        return jax.lax.scan(look, state, length=self.chunk // self.every)[0]
+        with jax.default_matmul_precision("highest"):  # MJX leaves most products to the default
+            return jax.lax.scan(look, state, length=self.chunk // self.every)[0]
 
     def _step(self, problem: Problem, state: MjxState) -> MjxState:
         mjx, model, scene = self._mjx, self._model, self.scene

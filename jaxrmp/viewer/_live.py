@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 
 from .._forms import NaturalForm, resolve
+from .._linalg import matmul
 from .._pytree import pytree
 from .._task_map import pushforward
 from .._tree import Batched, Node, pullback
@@ -77,5 +78,5 @@ def examine(situation: Situation, motion: Motion, hand: str) -> tuple[Inspection
     `(J M^-1 J^T)^-1`."""
     found = inspect(situation.tree(hand), motion.q, motion.qd)
     J = pushforward(ControlPoints(situation.policy.robot, (hand,)), motion.q, motion.qd).J[0]
-    mobility = J @ resolve(NaturalForm(J, jnp.broadcast_to(found.M.sum(0), (3, *found.M.shape[1:])))).T
+    mobility = matmul(J, resolve(NaturalForm(J, jnp.broadcast_to(found.M.sum(0), (3, *found.M.shape[1:])))).T)
     return found, 3 / jnp.trace(mobility)

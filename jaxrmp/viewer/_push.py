@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 
 from .._gds import GeometricDynamicalSystem
+from .._linalg import matmul
 from .._pytree import pytree, static
 
 
@@ -28,7 +29,7 @@ class Push(GeometricDynamicalSystem):
 
     def potential(self, x):
         offset = x - jnp.asarray(self.goal, x.dtype)
-        return (0.5 * self.stiffness * offset @ offset).astype(x.dtype)
+        return (0.5 * self.stiffness * matmul(offset, offset)).astype(x.dtype)
 
     def damping(self, x, xd):
         return (self.damping_rate * jnp.eye(3, dtype=x.dtype)).astype(x.dtype)

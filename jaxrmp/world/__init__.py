@@ -21,3 +21,4 @@ from ._self_pairs import panda_self_pairs as panda_self_pairs
 from ._self_pairs import self_pairs as self_pairs
 from ._spheres import Spheres as Spheres
 from ._world import World as World
+from ._world import ignored_in as ignored_in

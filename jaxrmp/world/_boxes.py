@@ -6,9 +6,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._pytree import pytree
-from .._ranges import Finite, NonNegative
 from ._components import components, corner_derivatives, magnitude, outside_corner, rotated, to_local
-from ._obstacles import PaddedObstacles
+from ._obstacles import PaddedObstacles, Size
 
 
 @pytree
@@ -28,7 +27,7 @@ class Boxes(PaddedObstacles):
     """
 
     T_world_box: Any
-    half_extents: NonNegative[Finite[Any]]
+    half_extents: Size[Any]
     active: Any = None
     _blank = (np.eye(4), (0.0, 0.0, 0.0))
 

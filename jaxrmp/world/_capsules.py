@@ -6,9 +6,8 @@ import jax.numpy as jnp
 
 from .._linalg import length
 from .._pytree import pytree
-from .._ranges import Finite, NonNegative
 from ._components import along, components, difference, dot, fraction, length_derivatives
-from ._obstacles import PaddedObstacles
+from ._obstacles import PaddedObstacles, Size
 
 
 @pytree
@@ -23,9 +22,9 @@ class Capsules(PaddedObstacles):
     [1.5]
     """
 
-    start: Finite[Any]
-    end: Finite[Any]
-    radius: NonNegative[Finite[Any]]
+    start: Any
+    end: Any
+    radius: Size[Any]
     active: Any = None
     _blank = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0)
 

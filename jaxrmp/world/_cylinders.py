@@ -7,9 +7,8 @@ import numpy as np
 
 from .._linalg import length
 from .._pytree import pytree
-from .._ranges import Finite, NonNegative
 from ._components import corner_derivatives, length_derivatives, magnitude, outside_corner, rotated, to_local
-from ._obstacles import PaddedObstacles
+from ._obstacles import PaddedObstacles, Size
 
 
 @pytree
@@ -30,8 +29,8 @@ class Cylinders(PaddedObstacles):
     """
 
     T_world_cylinder: Any
-    radius: NonNegative[Finite[Any]]
-    half_length: NonNegative[Finite[Any]]
+    radius: Size[Any]
+    half_length: Size[Any]
     active: Any = None
     _blank = (np.eye(4), 0.0, 0.0)
 

@@ -1,6 +1,6 @@
 """A signed distance field sampled on a grid."""
 
-from typing import Any
+from typing import Annotated, Any
 
 import jax
 import jax.numpy as jnp
@@ -10,10 +10,10 @@ from jax.core import Tracer
 from .._errors import ShapeError
 from .._linalg import length
 from .._pytree import as_floats, pytree, set_field, static
-from .._ranges import Finite, Positive
+from .._ranges import Range
 from .._task_map import check_rigid
 from ._components import along, difference, to_local
-from ._obstacles import Obstacles
+from ._obstacles import FAR, LARGEST, Obstacles, warn_of_ignored, with_fields
 
 _SAMPLES = 17
 _GOLDEN = (5**0.5 - 1) / 2
@@ -36,8 +36,10 @@ class SignedDistanceGrid(Obstacles):
     **Arguments**: `values` [nx, ny, nz], m, negative inside; at least 2 a side; `origin` [3], where `values[0, 0, 0]`
     is, m; `spacing`, between samples, m; `T_world_grid` [4, 4], the pose of the frame in which the origin is given;
     `active`, a bool; `smooth`.
-    **Raises** `ShapeError` for wrong shapes, `ConfigurationError` for a spacing that is not positive and values that
-    are not finite, `RigidTransformError` for a pose that is not rigid.
+    Values that are not finite are places of which nothing is known: a point whose distance would be made of one is 1e3
+    from the grid, without slope. A grid whose origin, spacing or pose is not finite is inactive.
+    **Raises** `ShapeError` for wrong shapes, `ConfigurationError` for a spacing that is not positive,
+    `RigidTransformError` for a pose that is not rigid.
 
     >>> from jaxrmp.world import World
     >>> wall = SignedDistanceGrid(np.broadcast_to([-1.0, 0.0, 1.0], (3, 3, 3)), smooth=False)
@@ -45,9 +47,9 @@ class SignedDistanceGrid(Obstacles):
     [0.5]
     """
 
-    values: Finite[Any]
-    origin: Finite[Any] = (0.0, 0.0, 0.0)
-    spacing: Positive[Finite[Any]] = 1.0
+    values: Any
+    origin: Any = (0.0, 0.0, 0.0)
+    spacing: Annotated[Any, Range(lambda value: ~(value <= 0), "a positive number")] = 1.0
     T_world_grid: Any = None
     active: Any = True
     smooth: bool = static(default=True)
@@ -63,10 +65,26 @@ class SignedDistanceGrid(Obstacles):
                 f"origin, spacing and active have shapes {self.origin.shape}, {self.spacing.shape} and "
                 f"{jnp.shape(self.active)}, expected (3,), () and ()."
             )
-        if not isinstance(T, Tracer) and check_rigid(T, "T_world_grid").ndim != 2:
+        known = not isinstance(T, Tracer) and np.isfinite(T).all()
+        if np.shape(T) != (4, 4) or (known and check_rigid(T, "T_world_grid").ndim != 2):
             raise ShapeError(f"T_world_grid has shape {np.shape(T)}, expected (4, 4).")
         set_field(self, "T_world_grid", as_floats(T))
         set_field(self, "active", self.active if isinstance(self.active, jax.Array) else np.asarray(self.active, bool))
+        ignored = self.usable()[1]
+        if not isinstance(ignored, Tracer) and ignored:
+            warn_of_ignored("numbers of a SignedDistanceGrid")
+
+    def usable(self):
+        xp: Any = jnp if any(isinstance(a, Tracer) for a in jax.tree.leaves(self)) else np
+        values, origin, spacing, T = map(xp.asarray, (self.values, self.origin, self.spacing, self.T_world_grid))
+        good = (xp.sum(abs(origin)) + xp.sum(abs(T)) + abs(spacing) <= LARGEST) & (spacing > 0)
+        holes = xp.sum(~(abs(values) <= LARGEST))
+        ignored = self.active * xp.where(good, holes, 1)
+        if xp is np and good:
+            return self, ignored
+        clean = {"origin": (origin, 0), "spacing": (spacing, 1), "T_world_grid": (T, np.eye(4))}
+        kept = {name: xp.where(good, a, xp.asarray(blank, a.dtype)) for name, (a, blank) in clean.items()}
+        return with_fields(self, active=self.active & good, **kept), ignored
 
     @property
     def size(self) -> int:
@@ -85,8 +103,11 @@ class SignedDistanceGrid(Obstacles):
         values = jnp.asarray(self.values, dtype)
         (i, wi), (j, wj), (k, wk) = (self._taps(u, n) for u, n in zip(inside, values.shape, strict=True))
         around = values[i[..., :, None, None], j[..., None, :, None], k[..., None, None, :]]
+        known = abs(around) <= LARGEST
+        around = jnp.where(known, around, 0)
         plane = jnp.sum(around * wk[..., None, None, :], axis=-1)
-        return jnp.sum(jnp.sum(plane * wj[..., None, :], axis=-1) * wi, axis=-1).astype(dtype) + beyond
+        d = jnp.sum(jnp.sum(plane * wj[..., None, :], axis=-1) * wi, axis=-1).astype(dtype) + beyond
+        return jnp.where(known.all((-3, -2, -1)), d, FAR)
 
     def nearest_on_segment(self, a, b):
         """The field need not be convex: the least of 17 samples, narrowed down by golden section."""

@@ -9,7 +9,6 @@ from jax.core import Tracer
 
 from .._errors import ConfigurationError
 from .._pytree import pytree, set_field
-from .._ranges import Finite
 from ._components import components, dot
 from ._obstacles import PaddedObstacles
 
@@ -28,21 +27,27 @@ class HalfSpaces(PaddedObstacles):
     [0.5]
     """
 
-    normal: Finite[Any]
-    offset: Finite[Any]
+    normal: Any
+    offset: Any
     active: Any = None
     _blank = ((0.0, 0.0, 1.0), 0.0)
 
     def __post_init__(self):
         super().__post_init__()
-        numerics: Any = jnp if isinstance(self.normal, jax.Array) else np
-        size = numerics.sqrt((self.normal * self.normal).sum(-1))
-        if not isinstance(size, Tracer) and (np.asarray(size) == 0).any():
+        zero = [] if isinstance(self.normal, Tracer) else np.flatnonzero((np.asarray(self.normal) == 0).all(-1))
+        if len(zero):
             raise ConfigurationError(
-                f"normal of HalfSpaces is zero for obstacle {int(np.argmin(size))}: give the free side's direction."
+                f"normal of HalfSpaces is zero for obstacle {zero[0]}: give the free side's direction."
             )
-        set_field(self, "normal", self.normal / size[:, None])
-        set_field(self, "offset", self.offset / size)
+        fields: Any = (self.normal, self.offset, self.active)
+        numerics: Any = jnp if any(isinstance(a, jax.Array) for a in fields) else np
+        # What is ignored stays so, but by way of a normal that has a length, and so has gradients.
+        found, _ = self.usable()
+        square = (found.normal * found.normal).sum(-1)
+        good, nan = (found.active | ~self.active) & (square > 0), numerics.nan
+        size = numerics.sqrt(numerics.where(square > 0, square, 1))
+        set_field(self, "normal", numerics.where(good[:, None], found.normal / size[:, None], nan))
+        set_field(self, "offset", numerics.where(good, found.offset / size, nan))
 
     def distance(self, p):
         dtype = p[0].dtype

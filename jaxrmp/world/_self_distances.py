@@ -6,11 +6,10 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.lax import Precision
 
 from .._errors import ConfigurationError, ShapeError
 from .._forms import DiagonalForm, NaturalForm
-from .._linalg import length
+from .._linalg import length, matmul
 from .._pytree import as_floats, pytree, set_field, static
 from .._ranges import Finite, NonNegative
 from .._task_map import Pushforward, TaskMap, Transport, pushforward, transport_by_jacobian
@@ -76,8 +75,8 @@ class SelfDistances(TaskMap):
         # Columns are taken by products with ones and zeros, which are exact, and vectorise where gathers do not.
         first, second = (np.eye(len(at.bodies), dtype=x.dtype)[:, ends] for ends in (i, j))
         entries = materialise(jnp.stack([*at.position, *at.velocity, *at.acceleration]))
-        p = jnp.matmul(entries[:3], first, precision=Precision.HIGHEST)
-        between = jnp.matmul(entries, first - second, precision=Precision.HIGHEST).reshape(3, 3, len(i))
+        p = matmul(entries[:3], first)
+        between = matmul(entries, first - second).reshape(3, 3, len(i))
         offset, v, c = ((part[0], part[1], part[2]) for part in between)
         slopes, bend = length_derivatives(offset, v)
         u = (materialise(slopes[0]), materialise(slopes[1]), materialise(slopes[2]))
@@ -88,8 +87,8 @@ class SelfDistances(TaskMap):
             c_along = bend + dot(u, c)
             if isinstance(form, DiagonalForm):
                 weight = materialise(form.d)
-                return NaturalForm(J @ materialise(form.f - weight * c_along), (J * weight) @ J.T)
-            return NaturalForm(J @ (form.f - form.M @ c_along), J @ form.M @ J.T)
+                return NaturalForm(matmul(J, materialise(form.f - weight * c_along)), matmul(J * weight, J.T))
+            return NaturalForm(matmul(J, form.f - matmul(form.M, c_along)), matmul(matmul(J, form.M), J.T))
 
         return Transport(length(*offset) - radii, dot(u, v), pull)
 

@@ -6,9 +6,8 @@ import jax.numpy as jnp
 
 from .._linalg import length
 from .._pytree import pytree
-from .._ranges import Finite, NonNegative
 from ._components import components, difference, dot, fraction, length_derivatives
-from ._obstacles import PaddedObstacles
+from ._obstacles import PaddedObstacles, Size
 
 
 @pytree
@@ -23,8 +22,8 @@ class Spheres(PaddedObstacles):
     [1.5, 1000.0]
     """
 
-    center: Finite[Any]
-    radius: NonNegative[Finite[Any]]
+    center: Any
+    radius: Size[Any]
     active: Any = None
     _blank = ((0.0, 0.0, 0.0), 0.0)
 

@@ -25,6 +25,9 @@ _PADDED: dict[str, Any] = dict(
 class World:
     """Obstacles of all kinds, in this order: spheres, capsules, boxes, cylinders, half-spaces, grids.
 
+    A row that is not finite in any field, as depth cameras mark pixels without depth, is inactive, whatever `active`
+    says, in a compiled function too, and `ignored` counts it; outside of one, making it warns.
+
     A world is a parameter: moving, changing, activating and disabling obstacles recompiles nothing as long as each
     kind keeps its number of slots.
 
@@ -59,18 +62,29 @@ class World:
 
     @property
     def kinds(self) -> tuple[Obstacles, ...]:
-        """The kinds that have slots, in order."""
+        """The kinds that have slots, in order; what is ignored is inactive."""
+        return tuple(kind.usable()[0] for kind in self._given)
+
+    @property
+    def _given(self) -> tuple[Obstacles, ...]:
         kinds: tuple[Any, ...] = (*(getattr(self, name) for name in _PADDED), *self.grids)
         return tuple(kind for kind in kinds if kind is not None and kind.size)
 
     @property
     def size(self) -> int:
         """Number O of obstacle slots."""
-        return sum(kind.size for kind in self.kinds)
+        return sum(kind.size for kind in self._given)
+
+    @property
+    def ignored(self) -> jax.Array:
+        """How many active obstacles, and values of grids, are ignored, since they are not finite, a size is negative,
+        or something is beyond 1e9 m. Compiled too: return it beside what a policy gives, where a camera makes worlds.
+        """
+        return jnp.asarray(sum(kind.usable()[1] for kind in self._given), int)
 
     @property
     def active(self) -> jax.Array:
-        """Which slots hold an obstacle, [O]."""
+        """Which slots hold an obstacle, [O]; not one that is ignored."""
         return jnp.concatenate([jnp.zeros(0, bool), *(jnp.reshape(kind.active, (kind.size,)) for kind in self.kinds)])
 
     def signed_distance(self, p: jax.Array) -> jax.Array:
@@ -91,3 +105,14 @@ class World:
     def mask_inactive(self, values: jax.Array, fill: float) -> jax.Array:
         """`values` [..., O] with `fill` in place of those of inactive slots."""
         return jnp.where(self.active, values, fill)
+
+
+def ignored_in(tree: Any) -> jax.Array:
+    """`World.ignored` of all the worlds in `tree`, a policy's or any pytree: a point cloud given to `LulaPolicy.tree`
+    is one.
+
+    >>> int(ignored_in(World(spheres=Spheres.of([((0, 0, 2), 0.5)], capacity=2))))
+    0
+    """
+    found = jax.tree.leaves(tree, is_leaf=lambda x: isinstance(x, World))
+    return jnp.asarray(sum(x.ignored for x in found if isinstance(x, World)), int)

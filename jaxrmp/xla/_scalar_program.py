@@ -17,8 +17,8 @@ _MOST_RESULTS = 200
 _INLINED = {"jit": "jaxpr", "pjit": "jaxpr", "custom_jvp_call": "call_jaxpr", "custom_vjp_call": "call_jaxpr"}
 ELEMENTWISE = frozenset(
     "abs acos acosh add add_any and asin asinh atan atan2 atanh cbrt ceil clamp convert_element_type cos cosh div eq "  # noqa: SIM905
-    "erf exp exp2 expm1 floor ge gt integer_pow is_finite le log log1p logistic lt max min mul ne neg not or pow rem "
-    "round rsqrt select_n sign sin sinh sqrt square sub tan tanh xor".split()
+    "erf exp exp2 expm1 floor ge gt integer_pow is_finite le log log1p logistic lt max min mul ne neg not "
+    "one_minus_square or pow rem round rsqrt select_n sign sin sinh sqrt square sub tan tanh xor".split()
 )
 REDUCTIONS = {
     "reduce_sum": jax.lax.add_p,
@@ -214,6 +214,10 @@ class Builder:
             return [self._dot(parameters, operands[0], operands[1], dtype)]
         if name in REDUCTIONS:
             return [self._reduced(name, parameters["axes"], operands[0], shape, dtype)]
+        if name == "one_minus_square":  # of the slopes of tanh, from jax 0.12 on
+            square = self._each(jax.lax.mul_p, (), [operands[0]] * 2, shape, dtype)
+            one = self.numbers(np.ones(shape, dtype))
+            return [self._each(jax.lax.sub_p, (), [one, square], shape, dtype)]
         if name in ELEMENTWISE:
             fixed = tuple(sorted(parameters.items(), key=operator.itemgetter(0)))
             if name == "convert_element_type":

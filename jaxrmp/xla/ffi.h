@@ -43,9 +43,10 @@ static XLA_FFI_Error *error(const XLA_FFI_Api *api, const char *message) {
 }
 
 XLA_FFI_Error *program_ffi(XLA_FFI_CallFrame *frame) {
-    XLA_FFI_Extension_Base *extension = frame->extension_start;
-    if (extension && extension->type == XLA_FFI_Extension_Metadata) {
-        XLA_FFI_Metadata *metadata = ((XLA_FFI_Metadata_Extension *)extension)->metadata;
+    /* The first of the chain is read as this; what its base is called differs between versions. */
+    XLA_FFI_Metadata_Extension *extension = (XLA_FFI_Metadata_Extension *)frame->extension_start;
+    if (extension && extension->extension_base.type == XLA_FFI_Extension_Metadata) {
+        XLA_FFI_Metadata *metadata = extension->metadata;
         metadata->api_version.major_version = XLA_FFI_API_MAJOR;
         metadata->api_version.minor_version = XLA_FFI_API_MINOR;
         return NULL;

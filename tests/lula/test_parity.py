@@ -11,7 +11,7 @@ from benchmarks._policies import world_of
 from jaxrmp import ConfigurationError, ShapeError, UnknownNameError, uncertified_leaves
 from jaxrmp.io import load_lula
 from jaxrmp.kinematics import ControlPoints, forward_kinematics
-from jaxrmp.world import Spheres, World
+from jaxrmp.world import Spheres, World, ignored_in
 
 
 def golden_tree(policy, golden):
@@ -118,13 +118,18 @@ def test_points_act_as_the_spheres_of_their_margin(folder, golden):
     q, qd = state_of(golden)
     near, far = np.array([[0.35, 0.0, 0.55]]), np.array([[50.0, 0.0, 0.0]])
     with_points = policy.tree(point_cloud=np.concatenate([near, far])).nodes
+    unseen = jax.jit(
+        lambda cloud: (lambda tree: (tree.nodes[-1](q, qd), ignored_in(tree)))(policy.tree(point_cloud=cloud))
+    )(jnp.concatenate([near, jnp.full((2, 3), jnp.nan), jnp.full((1, 3), jnp.inf)]))
+    assert unseen[1] == 3
     as_sphere = dataclasses.replace(policy, collision=policy.point_cloud_collision)
     world = World(spheres=Spheres.of([(near[0], policy.point_cloud_margin)]))
     with_sphere = as_sphere.tree(world=world).nodes
     assert len(with_points) == len(with_sphere) == len(policy.tree().nodes) + 1
     of_points, of_sphere = jax.jit(lambda nodes: [node(q, qd) for node in nodes])([with_points[-1], with_sphere[-1]])
     assert np.abs(of_points.f).max() > 1e-4 and np.abs(of_points.M).max() > 0.1
-    for a, b in zip(jax.tree.leaves(of_points), jax.tree.leaves(of_sphere), strict=True):
+    for a, b, c in zip(*map(jax.tree.leaves, (of_points, of_sphere, unseen[0])), strict=True):
+        np.testing.assert_allclose(c, b, rtol=1e-4, atol=1e-6 * np.abs(b).max())
         np.testing.assert_allclose(a, b, rtol=1e-4, atol=1e-6 * np.abs(b).max())
 
 

@@ -155,8 +155,6 @@ def test_a_slot_can_be_filled_and_emptied():
     spheres = Spheres.of(capacity=2).set(1, center=(1.0, 0, 0), radius=0.5)
     np.testing.assert_allclose(World(spheres=spheres).signed_distance(jnp.zeros(3)), [FAR, 0.5])
     np.testing.assert_array_equal(spheres.set(1, active=False).active, [False, False])
-    with pytest.raises(ConfigurationError, match="index 2 is beyond the 2 slots of Spheres"):
-        spheres.set(2, radius=0.1)
     with pytest.raises(ConfigurationError, match=r"no field \['centre'\].*'center'"):
         spheres.set(0, centre=(0, 0, 0))
     with pytest.raises(ConfigurationError, match=r"radius\[0\] of Spheres is -1"):
@@ -180,7 +178,6 @@ REFLECTION = np.diag([1.0, 1, -1, 1])
             "2 obstacles.*capacity=1 of Boxes",
         ),
         (lambda: Spheres.of([((0, 0, 0), -0.1)]), ConfigurationError, r"radius\[0\] of Spheres is -0.1"),
-        (lambda: Spheres([[0, 0, np.nan]], [1.0]), ConfigurationError, r"center\[0, 2\] of Spheres is nan.*finite"),
         (lambda: Spheres.of([((0, 0, 0),)]), ConfigurationError, "obstacle 0 of Spheres has 1 entries, expected 2"),
         (lambda: Capsules.of([((0, 0, 0), (1, 0, 0), -1)]), ConfigurationError, r"radius\[0\] of Capsules is -1"),
         (lambda: Boxes.of([(np.eye(4), (1, -2, 1))]), ConfigurationError, r"half_extents\[0, 1\] of Boxes is -2"),
@@ -197,11 +194,6 @@ REFLECTION = np.diag([1.0, 1, -1, 1])
         (lambda: Spheres(np.zeros((1, 3)), [1.0], [1.0]), ShapeError, "active of Spheres.*float64.*bool"),
         (lambda: SignedDistanceGrid(np.zeros((3, 3))), ShapeError, "values has shape"),
         (lambda: SignedDistanceGrid(np.zeros((3, 3, 3)), spacing=0.0), ConfigurationError, "spacing.*0.0.*positive"),
-        (
-            lambda: SignedDistanceGrid(np.full((3, 3, 3), np.nan)),
-            ConfigurationError,
-            r"values\[0, 0, 0\].*is nan.*finite",
-        ),
         (lambda: World(spheres=Boxes.of()), ConfigurationError, "spheres is a Boxes, expected Spheres"),
         (lambda: World(grids=(Boxes.of(),)), ConfigurationError, "grids holds a Boxes"),
         (lambda: World().signed_distance(np.zeros(2)), ShapeError, r"p has shape \(2,\)"),

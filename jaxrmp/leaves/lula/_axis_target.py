@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 
 from ..._forms import DiagonalForm
-from ..._linalg import length
+from ..._linalg import length, matmul
 from ..._pytree import pytree, static
 from ..._ranges import NonNegative, Positive
 from ..._tree import SeparableLeaf
@@ -54,7 +54,7 @@ class AxisTarget(SeparableLeaf):
         if self.position_target is not None:
             offset = jnp.asarray(self.position_target, x.dtype) - x[3:]
             m *= proximity_boost(
-                offset @ offset, self.proximity_metric_boost_scalar, self.proximity_metric_boost_length_scale
+                matmul(offset, offset), self.proximity_metric_boost_scalar, self.proximity_metric_boost_length_scale
             )
             a, m = jnp.pad(a, (0, 3)), jnp.pad(m, (0, 3))
         return DiagonalForm((m * a).astype(x.dtype), m.astype(x.dtype))

@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 
 from ..._forms import CanonicalForm, NaturalForm, natural
-from ..._linalg import length
+from ..._linalg import length, matmul
 from ..._pytree import pytree, static
 from ..._ranges import NonNegative, Positive
 from ..._tree import Leaf
@@ -48,7 +48,7 @@ class PositionTarget(Leaf):
 
     def __call__(self, x, xd):
         delta = jnp.asarray(self.target, x.dtype) - x
-        square = delta @ delta
+        square = matmul(delta, delta)
         a = self.accel_p_gain * delta / (length(delta) + self.accel_norm_eps) - self.accel_d_gain * xd
         near = square / (2 * self.metric_alpha_length_scale**2)
         alpha = (1 - self.min_metric_alpha) * jnp.exp(-near) + self.min_metric_alpha
