@@ -9,7 +9,7 @@ from .._errors import ConfigurationError
 
 _FACETS = 250  # a hull of more is simplified, for speed
 _CORNERS, _DIRECTIONS = 24, 400  # of the prism about a cylinder; of the polytope about an ellipsoid
-_MANY, _POINTS = 5000, 400  # of a hull of more, these are taken that are farthest along as many directions
+_POINTS = 400  # of a hull of more, these are taken that are farthest along as many directions
 _THICK = 1e-5  # m: flatter hulls are taken as this thick on each side
 
 
@@ -83,10 +83,10 @@ def hull(points: np.ndarray, tolerance: float) -> Polytope:
     for axis in np.flatnonzero(thin):
         step = _THICK * np.eye(3)[axis]
         local = np.concatenate([local - step, local + step])
-    far = local if len(local) <= _MANY else local[np.unique(_farthest(local, _sphere(_MANY))[1])]
-    found = ConvexHull(far)
-    if len(found.vertices) > _POINTS:
-        far = far[np.unique(_farthest(far, _sphere(_POINTS))[1])]
+    local = local[ConvexHull(local).vertices]
+    far, found = local, ConvexHull(local)
+    if len(local) > _POINTS:
+        far = local[np.unique(_farthest(far, _sphere(_POINTS))[1])]
         found = ConvexHull(far)
     normals = _distinct(found.equations[:, :3])
     corners, offsets = far[found.vertices], _farthest(local, normals)[0]
@@ -99,9 +99,13 @@ def hull(points: np.ndarray, tolerance: float) -> Polytope:
 
 def _farthest(points: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """How far the points reach along each direction, and which does."""
-    rows = [(part @ points.T).argmax(axis=1) for part in np.array_split(directions, len(directions) // 100 + 1)]
-    which = np.concatenate(rows)
-    return (directions * points[which]).sum(axis=1), which
+    reach, which = np.full(len(directions), -np.inf), np.zeros(len(directions), int)
+    for first in range(0, len(points), 1000):  # few at a time, which stay in the processor's cache
+        along = directions @ points[first : first + 1000].T
+        best = along.argmax(axis=1)
+        value = along[np.arange(len(directions)), best]
+        reach, which = np.maximum(reach, value), np.where(value > reach, first + best, which)
+    return reach, which
 
 
 def _sphere(count: int) -> np.ndarray:
