@@ -8,7 +8,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from .._errors import ConfigurationError, NoGeometryError, RobotError, UnknownNameError
+from .._errors import ConfigurationError, NoGeometryError, UnknownNameError
 from .._pytree import pytree, set_field, static
 from .._ranges import Finite, NonNegative, require_number
 from .._rotations import rotation_of_quaternion
@@ -125,13 +125,13 @@ def geometry_of_model(
 
     `source` may be a `Robot` that was read from a file; `packages`, see `load_robot`, by default the robot's; `looks`,
     whether a URDF's visual geometry is wanted, too, of links that have collision geometry.
-    **Raises** `RobotError` if the file, or a mesh that it names, is not there or cannot be read, `NoGeometryError` for a
-    robot that was read from text.
+    **Raises** `RobotError` if the file, or a mesh that it names, is not there or cannot be read, `NoGeometryError` for
+    a robot that was read from text.
     """
     if isinstance(source, Robot):
         if source.source is None:
             raise NoGeometryError(
-                f"{source.name!r} was read from no file that could have its geometry: load it from one, or pass spheres."
+                f"{source.name!r} was read from no file that could have its geometry: load it from one or pass spheres."
             )
         source, packages = source.source, dict(source.model.packages) | dict(packages or {})
     spec = read_spec(source, packages, looks=looks, physics=False)
