@@ -17,6 +17,7 @@ from ._errors import FileWarning as FileWarning
 from ._errors import JaxrmpError as JaxrmpError
 from ._errors import LeafError as LeafError
 from ._errors import MissingDependencyError as MissingDependencyError
+from ._errors import NoGeometryError as NoGeometryError
 from ._errors import RigidTransformError as RigidTransformError
 from ._errors import RobotError as RobotError
 from ._errors import RolloutError as RolloutError

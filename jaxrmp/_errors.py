@@ -54,6 +54,10 @@ class ConfigurationError(JaxrmpError, ValueError):
     """An argument or an entry of a configuration holds a value that is not allowed, or its file cannot be read."""
 
 
+class NoGeometryError(RobotError, ConfigurationError):
+    """A robot has no geometry that spheres could cover: none in its file, or no file."""
+
+
 class ConvexProgramError(JaxrmpError, RuntimeError):
     """The convex program of the potential was not solved to optimality."""
 

@@ -6,7 +6,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from .._errors import ConfigurationError, RobotError
+from .._errors import NoGeometryError, UnsafeFileWarning
 from .._pytree import pytree, single
 from .._tree import Leaf, Node
 from ..kinematics import Robot
@@ -46,7 +46,8 @@ def whole_arm_policy(skill: Any, robot: Robot, spheres: RobotSpheres | None = No
     is small enough to be felt there only. Avoidance is felt within 5 cm, and little, not to change what was learned.
 
     **Arguments**: `skill`, a `learning.Skill`, or what has its `tree`, `R_object_hand` and `frames`; `spheres` that
-    cover the `robot`, by default its `own_spheres`; if it has none, a warning says why, and nothing is avoided.
+    cover the `robot`, by default its `own_spheres`; if it has no geometry at all, an `UnsafeFileWarning` says so, and
+    nothing is avoided. **Raises** as `own_spheres` if its geometry is there and cannot be had.
     """
     T = np.eye(4)
     T[:3, :3] = skill.R_object_hand
@@ -67,7 +68,7 @@ def reaching_policy(
     The gains suit an arm of about a metre and steps of 1 ms; the policy is in single precision.
 
     **Arguments**: `robot`; `rest`, see `posture`; `spheres`, see `whole_arm_policy`; `self_collision`, whether its
-    links keep off each other. **Raises** `UnknownNameError` for a frame that is not there.
+    links keep off each other. **Raises** `UnknownNameError` for a frame that is not there, and as `whole_arm_policy`.
     """
     robot.frame_index(hand)
     spheres = spheres or _spheres_of(robot)
@@ -80,6 +81,6 @@ def reaching_policy(
 def _spheres_of(robot: Robot, hand: str | None = None) -> RobotSpheres | None:
     try:
         return own_spheres(robot, hand)
-    except (RobotError, ConfigurationError) as error:
-        warnings.warn(f"{robot.name!r} avoids neither obstacles nor itself: {error}", stacklevel=3)
+    except NoGeometryError as error:
+        warnings.warn(f"{robot.name!r} avoids neither obstacles nor itself: {error}", UnsafeFileWarning, stacklevel=3)
         return None

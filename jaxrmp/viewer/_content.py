@@ -1,12 +1,16 @@
 """What a page is to show: a skill in a scene or alone, or a hand-designed policy on any robot."""
 
+import warnings
+from dataclasses import replace
+
 import numpy as np
 
+from .._errors import RobotError, UnsafeFileWarning
 from ..kinematics import Robot, forward_kinematics, hand_frame, load_robot, panda
 from ..learning import PreparedDemonstrations, Skill
 from ..policies import reaching_policy, whole_arm_policy
 from ..scenes import Scene
-from ..world import World
+from ..world import RobotSpheres, World
 from ._session import Content
 
 PANDA_HAND = "panda_hand_tcp"
@@ -27,7 +31,12 @@ def reach_content(
     arm = panda() if built_in else load_robot(robot)
     hand = frame or (PANDA_HAND if built_in else hand_frame(arm))
     rest = READY if built_in else arm.middle
-    policy = reaching_policy(arm, hand, rest, self_collision=self_collision)
+    try:
+        policy = reaching_policy(arm, hand, rest, self_collision=self_collision)
+    except RobotError as error:  # meshes that are not there: the page draws a skeleton, and says that it avoids nothing
+        warnings.warn(f"{arm.name!r} avoids neither obstacles nor itself: {error}", UnsafeFileWarning, stacklevel=2)
+        none = RobotSpheres((), np.zeros((0, 3)), np.zeros(0))
+        policy = replace(reaching_policy(arm, hand, rest, none, self_collision=False), spheres=None)
     T = np.asarray(forward_kinematics(arm, rest, hand), float)
     return Content(
         policy=policy,

@@ -1,17 +1,38 @@
-"""Covering solids with spheres: every point of the solid lies in a sphere, and no sphere sticks out far."""
+"""Covering solids with few spheres: every point of a solid lies in a sphere, and no sphere sticks out far.
+
+A ball round a point c of a convex solid sticks out by its radius less the depth of c: with `max_error` e it may be as
+large as `depth(c) + e`. Few such balls that hold sample points of the solids are sought; then the solids are cut into
+the balls' power cells, which are polytopes, so that each ball holds its cell if it holds the corners. Corners that it
+does not hold are samples of the next round.
+"""
 
 import math
-from collections.abc import Callable
+from collections.abc import Sequence
 
 import numpy as np
 
 from .._errors import ConfigurationError
+from ._polytopes import Polytope, corners_of, inner_ball
 
 Cover = tuple[np.ndarray, np.ndarray, float]
 """Centres [K, 3], radii [K], and how far the spheres stick out of the solid at most, m."""
 
-_MOST = 4096
-_SUPPORT_STEPS = 300
+MOST = 4096
+
+
+class TooFineError(ConfigurationError):
+    """A cover would take more spheres than are allowed."""
+
+    def __init__(self, max_error: float, most: int = MOST):
+        super().__init__(f"max_error={max_error} m needs more than {most} spheres: give more.")
+
+
+_LEAST_SAMPLES, _MOST_SAMPLES, _CANDIDATES = 150, 3000, 1500
+_SHARP = 0.97  # cosine of the angle between facets, below which their edge is one
+_SEARCHED, _STEPS = 150_000, 100  # balls by samples up to which balls that can go are sought, by steps of descent
+_ROUNDS = 30  # of cutting into cells and adding corners; later ones aim lower
+_NEIGHBOURS = 40  # balls that bound a cell; more would make it no larger
+_ROUNDING = 1e-7  # m, that spheres are larger for what the corners' arithmetic loses
 
 
 def cover_capsule(radius: float, half_length: float, max_error: float) -> Cover:
@@ -20,94 +41,216 @@ def cover_capsule(radius: float, half_length: float, max_error: float) -> Cover:
         return np.zeros((1, 3)), np.array([radius]), 0.0
     gap = math.sqrt((radius + max_error) ** 2 - radius**2)  # half the largest distance between neighbours
     count = max(2, math.ceil(half_length / gap - 1e-9) + 1)
-    if count > _MOST:
-        raise _too_fine(max_error)
+    if count > MOST:
+        raise TooFineError(max_error)
     z = np.linspace(-half_length, half_length, count)
     reach = math.hypot(radius, half_length / (count - 1))
     return np.stack([0 * z, 0 * z, z], axis=1), np.full(count, reach), reach - radius
 
 
-def cover_box(half_extents: np.ndarray, max_error: float) -> Cover:
-    """One sphere round each cell of a division into equal cells."""
+def cover_polytopes(solids: Sequence[Polytope], max_error: float, most: int = MOST) -> Cover:
+    """Spheres that cover convex solids, which may overlap, together.
 
-    def project(centers):
-        return centers, np.zeros(len(centers)), (half_extents - np.abs(centers)).min(axis=1)
-
-    return _cover_by_cells(half_extents, max_error, project)
-
-
-def cover_cylinder(radius: float, half_length: float, max_error: float) -> Cover:
-    """Spheres round the cells of the box about it; the axis is z."""
-
-    def project(centers):
-        rho = np.hypot(centers[:, 0], centers[:, 1])
-        shrink = np.minimum(1, radius / rho.clip(1e-12))
-        near = np.stack([centers[:, 0] * shrink, centers[:, 1] * shrink, centers[:, 2]], axis=1)
-        return near, np.zeros(len(centers)), np.minimum(radius - rho, half_length - np.abs(centers[:, 2])).clip(0)
-
-    return _cover_by_cells(np.array([radius, radius, half_length]), max_error, project)
-
-
-def cover_ellipsoid(radii: np.ndarray, max_error: float) -> Cover:
-    """As the convex hull of its points, by the support function `|diag(radii) n|`."""
-    return _cover_convex(
-        lambda n: radii * (n * radii) / np.linalg.norm(n * radii, axis=1, keepdims=True).clip(1e-300), radii, max_error
-    )
-
-
-def cover_convex_hull(vertices: np.ndarray, max_error: float) -> Cover:
-    """Spheres that cover the convex hull of `vertices` [V, 3]."""
-    low, high = vertices.min(axis=0), vertices.max(axis=0)
-    middle, half = (low + high) / 2, (high - low) / 2
-    local = vertices - middle
-    centers, radii, error = _cover_convex(lambda n: local[np.argmax(n @ local.T, axis=1)], half, max_error)
-    return centers + middle, radii, error
-
-
-def _cover_convex(support: Callable[[np.ndarray], np.ndarray], half: np.ndarray, max_error: float) -> Cover:
-    """Cells of the box `half` about a convex body given by its farthest points along directions [N, 3]."""
-
-    def project(centers):
-        """By Frank and Wolfe's method, which ends short of the projection by no more than it says."""
-        near, lower = support(centers), np.zeros(len(centers))
-        for _ in range(_SUPPORT_STEPS):
-            towards = centers - near
-            unit = towards / np.linalg.norm(towards, axis=1).clip(1e-12)[:, None]
-            far = support(unit)
-            lower = np.maximum(lower, np.einsum("ij,ij->i", unit, centers - far))
-            step = far - near
-            t = np.einsum("ij,ij->i", towards, step) / np.einsum("ij,ij->i", step, step).clip(1e-18)
-            near = near + np.clip(t, 0, 1)[:, None] * step
-        upper = np.linalg.norm(centers - near, axis=1)
-        return near, np.sqrt((upper**2 - lower**2).clip(0)), np.zeros(len(centers))
-
-    return _cover_by_cells(half, max_error, project)
-
-
-def _cover_by_cells(half: np.ndarray, max_error: float, project: Callable) -> Cover:
-    """Cells, ever more, the longest side divided first, until their spheres stick out by no more than `max_error`.
-
-    A sphere round a cell may be moved to the projection of its centre on the convex solid and still covers what the
-    cell holds of the solid, since projection brings a point closer to each point of the solid. There it sticks out by
-    no more than its radius, less the depth of its centre. `project(centers)` gives points of the solid, how far they
-    are from the projections at most, by which the sphere must grow, and a lower bound of their depth.
+    **Raises** `TooFineError` if no cover by so many spheres is found.
     """
-    counts = np.ones(3, int)
-    while True:
-        cell = half / counts
-        reach = float(np.linalg.norm(cell))
-        axes = [(2 * np.arange(n) + 1 - n) * c for n, c in zip(counts, cell, strict=True)]
-        centers = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-        if reach - cell.min() <= max_error:
-            near, slack, depth = project(centers)
-            met = np.linalg.norm(centers - near, axis=1) - slack <= reach
-            error = float((reach + slack - depth)[met].max())
-            if error <= max_error:
-                return near[met], (reach + slack)[met], error
-        counts[np.argmax(cell)] += 1
-        if counts.prod() > _MOST:
-            raise _too_fine(max_error)
+    rng = np.random.default_rng(0)
+    samples, candidates = map(np.concatenate, zip(*(_samples(solid, max_error, rng) for solid in solids), strict=True))
+    centers = np.zeros((0, 3))
+    for turn in range(_ROUNDS):
+        aim = max_error * (0.98 - 0.01 * turn)
+        if turn:
+            centers = _relaxed(solids, samples, centers, aim)[0]
+        filled = _filled(solids, samples, centers, candidates, aim)
+        if len(filled) > 1.5 * most:
+            raise TooFineError(max_error, most)
+        centers = _fewer(solids, samples, filled, aim) if len(filled) > len(centers) else filled
+        found, missed = _certified(solids, centers, max_error)
+        if found is not None and len(found[1]) > most:
+            raise TooFineError(max_error, most)
+        if found is not None:
+            return found
+        samples = np.concatenate([samples, missed])
+    raise TooFineError(max_error, most)
 
 
-def _too_fine(max_error: float) -> ConfigurationError:
-    return ConfigurationError(f"max_error={max_error} m needs more than {_MOST} spheres for one geometry: give more.")
+def _depth(solids: Sequence[Polytope], points: np.ndarray) -> np.ndarray:
+    return np.max([solid.depth(points) for solid in solids], axis=0)
+
+
+def _values(solids, samples, centers) -> np.ndarray:
+    """How far a ball round each centre [K] sticks out if it holds a sample [N]: [K, N]."""
+    return _distances(centers, samples) - _depth(solids, centers)[:, None]
+
+
+def _distances(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    square = (a**2).sum(1)[:, None] + (b**2).sum(1) - 2 * a @ b.T
+    return np.sqrt(square.clip(0))
+
+
+def _samples(solid: Polytope, max_error: float, rng) -> tuple[np.ndarray, np.ndarray]:
+    """Points of the surface and within, corners among them, and centres of the largest balls within that touch it."""
+    from scipy.spatial import ConvexHull
+
+    shell = ConvexHull(solid.corners)
+    a, b, c = solid.corners[shell.simplices].transpose(1, 0, 2)
+    areas = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
+    depth = max(inner_ball(solid.inner_normals, solid.inner_offsets)[1], 0.0)
+    patch = 2 * depth * max_error + max_error**2  # of the surface that one ball holds, by its radius squared
+    if shell.area / patch / 2 > MOST:
+        raise TooFineError(max_error)
+    count = int(np.clip(20 * shell.area / patch, _LEAST_SAMPLES, _MOST_SAMPLES))
+    rows = np.searchsorted(np.cumsum(areas) / areas.sum(), (np.arange(count) + rng.random()) / count)
+    rows = rows.clip(max=len(areas) - 1)
+    u = rng.random((2, count))
+    u = np.where(u.sum(axis=0) > 1, 1 - u, u)
+    surface = a[rows] + u[0][:, None] * (b - a)[rows] + u[1][:, None] * (c - a)[rows]
+    normals = shell.equations[rows, :3]
+    # The ball through p about p - t n, with the normal n there, is within if n' (p - t n) + t <= d' for all facets.
+    slack = solid.offsets - surface @ solid.normals.T
+    rate = 1 - normals @ solid.normals.T
+    t = np.where(rate > 1e-9, slack.clip(0) / rate.clip(1e-9), np.inf).min(axis=1)
+    medial = surface - t[:, None] * normals
+    candidates = np.concatenate([medial, (surface + medial) / 2, solid.corners.mean(axis=0)[None]])
+    edges = _along_sharp_edges(solid.corners, shell, math.sqrt(patch) / 4)
+    return np.concatenate([solid.corners, edges, surface, medial[::2]]), candidates[solid.depth(candidates) >= 0]
+
+
+def _along_sharp_edges(corners: np.ndarray, shell, spacing: float) -> np.ndarray:
+    """Points on the edges of a hull, which are farthest from any ball within."""
+    first, across = np.repeat(np.arange(len(shell.neighbors)), 3), shell.neighbors.ravel()
+    cosine = (shell.equations[first, :3] * shell.equations[across, :3]).sum(axis=1)
+    sharp = (first < across) & (cosine < _SHARP)
+    opposite = np.tile(np.arange(3), len(shell.neighbors))[sharp]
+    rows = shell.simplices[first[sharp]]
+    ends = np.stack([rows[np.arange(len(rows)), (opposite + k) % 3] for k in (1, 2)])
+    a, b = corners[ends[0]], corners[ends[1]]
+    counts = np.minimum(np.linalg.norm(b - a, axis=1) / spacing, 200).astype(int)
+    which = np.repeat(np.arange(len(a)), counts)
+    part = np.concatenate([(np.arange(n) + 1) / (n + 1) for n in counts]) if len(counts) else np.zeros(0)
+    return a[which] + part[:, None] * (b - a)[which]
+
+
+def _filled(solids, samples, centers, candidates, aim) -> np.ndarray:
+    """More centres, each of the ball that holds most of the samples that none holds yet."""
+    if len(centers):
+        samples = samples[_values(solids, samples, centers).min(axis=0) > aim]
+    if not len(samples):
+        return centers
+    if len(candidates) > _CANDIDATES:
+        candidates = candidates[np.linspace(0, len(candidates) - 1, _CANDIDATES).astype(int)]
+    values = _values(solids, samples, candidates)
+    alone = (values > aim).all(axis=0)
+    if alone.any():  # balls near the sample itself, on the way to the candidate that nearly holds it, and inwards
+        towards = [candidates[values[:, alone].argmin(axis=0)], *(solid.corners.mean(axis=0) for solid in solids)]
+        steps = np.concatenate([target - samples[alone] for target in towards])
+        length = np.linalg.norm(steps, axis=1).clip(1e-12)
+        points = np.tile(samples[alone], (len(towards), 1)) + steps * np.minimum(1, 0.7 * aim / length)[:, None]
+        points = points[_depth(solids, points) >= 0]
+        candidates = np.concatenate([candidates, points])
+        values = np.concatenate([values, _values(solids, samples, points)])
+    holds = (values <= aim).astype(np.float32)
+    weight, chosen = 1 / holds.sum(axis=0).clip(1), []  # samples that few balls hold count more
+    while weight.any():
+        counts = holds @ weight
+        if not counts.any():
+            break
+        chosen.append(int(np.argmax(counts)))
+        weight = weight * (holds[chosen[-1]] == 0)
+    return np.concatenate([centers, candidates[chosen]])
+
+
+def _fewer(solids, samples, centers, aim) -> np.ndarray:
+    """Without balls that the others, moved a little, can do without."""
+    while len(centers) > 1 and len(centers) * len(samples) <= _SEARCHED:
+        holds = _values(solids, samples, centers) <= aim
+        alone = (holds & (holds.sum(axis=0) == 1)).sum(axis=1)
+        for least in np.argsort(alone)[:3]:
+            rest, value = _relaxed(solids, samples, np.delete(centers, least, axis=0), aim)
+            if value <= aim:
+                centers = rest
+                break
+        else:
+            break
+    return centers
+
+
+def _relaxed(solids, samples, centers, aim) -> tuple[np.ndarray, float]:
+    """Centres moved so that balls that hold the samples stick out by `aim` at most, if they can; and how far they do.
+
+    Each ball descends the distance of its farthest sample less the depth of its centre, both smoothed.
+    """
+    best, least, count = centers, math.inf, len(centers)
+    for turn in range(_STEPS):
+        each = np.stack([solid.depth(centers) for solid in solids])
+        distance = _distances(centers, samples)
+        values = distance - each.max(axis=0)[:, None]
+        owner = values.argmin(axis=0)
+        value = float(values[owner, np.arange(len(samples))].max())
+        if value < least:
+            best, least = centers, value
+        if value <= aim:
+            break
+        if turn in (_STEPS // 4, _STEPS // 2) and least > (1.25 if turn < _STEPS // 2 else 1.1) * aim:
+            break
+        scale = aim * (0.3 * (1 - turn / _STEPS) + 0.02)
+        far = distance[owner, np.arange(len(samples))]
+        farthest = np.full(count, -np.inf)
+        np.maximum.at(farthest, owner, far)
+        weight = np.exp((far - farthest[owner]) / scale)
+        total = np.bincount(owner, weight, count).clip(1e-300)
+        unit = (samples - centers[owner]) * (weight / far.clip(1e-12))[:, None]
+        step = np.stack([np.bincount(owner, unit[:, axis], count) / total for axis in range(3)], axis=1)
+        home = each.argmax(axis=0)
+        for s in np.unique(home):
+            slack = solids[s].inner_offsets - centers[home == s] @ solids[s].inner_normals.T
+            near = np.exp(-(slack - slack.min(axis=1, keepdims=True)) / scale)
+            step[home == s] -= near / near.sum(axis=1, keepdims=True) @ solids[s].inner_normals
+        moved = centers + scale * step
+        centers = np.where((_depth(solids, moved) >= 0)[:, None], moved, centers)
+    return best, least
+
+
+def _certified(solids, centers, max_error) -> tuple[Cover | None, np.ndarray]:
+    """The balls as small as their power cells allow, if that is small enough; else none, and the points missed."""
+    depths = _depth(solids, centers)
+    limits = depths + max_error - _ROUNDING
+    reach, missed = np.zeros(len(centers)), []
+    for solid in solids:
+        distance = _distances(centers, solid.corners)
+        whole = np.flatnonzero((distance <= limits[:, None]).all(axis=1))
+        if len(whole):
+            k = whole[np.argmin(distance[whole].max(axis=1))]
+            reach[k] = max(reach[k], distance[k].max())
+            continue
+        power = distance**2 - limits[:, None] ** 2
+        for k, center in enumerate(centers):
+            if (power < power[k] - 1e-9).all(axis=1).any():  # no point of the solid is in this cell
+                continue
+            corners = _cell(solid, centers, limits, k)
+            if len(corners):
+                far = np.linalg.norm(corners - center, axis=1)
+                reach[k] = max(reach[k], far.max())
+                missed.append(corners[far > limits[k]])
+    missed = np.concatenate(missed) if missed else np.zeros((0, 3))
+    if len(missed):
+        return None, missed
+    used = reach > 0
+    radii = reach[used] + _ROUNDING
+    return (centers[used], radii, max(0.0, float((radii - depths[used]).max()))), missed
+
+
+def _cell(solid: Polytope, centers, radii, k: int) -> np.ndarray:
+    """The corners of the part of a solid of which no other ball's power is less than ball k's: [V, 3], perhaps none."""
+    others = np.delete(np.arange(len(centers)), k)
+    apart = np.linalg.norm(centers[others] - centers[k], axis=1)
+    others, apart = others[apart > 1e-9], apart[apart > 1e-9]
+    nearest = np.argsort(apart - radii[others])[:_NEIGHBOURS]
+    others, apart = others[nearest], apart[nearest]
+    normals = (centers[others] - centers[k]) / apart[:, None]
+    power = (centers[others] ** 2).sum(1) - (centers[k] ** 2).sum() - radii[others] ** 2 + radii[k] ** 2
+    normals = np.concatenate([solid.normals, normals])
+    offsets = np.concatenate([solid.offsets, power / (2 * apart)])
+    inside, room = centers[k], (offsets - normals @ centers[k]).min()
+    if room < 1e-4:
+        inside, room = inner_ball(normals, offsets)
+    return corners_of(normals, offsets, inside) if room > 1e-7 else np.zeros((0, 3))

@@ -1,34 +1,43 @@
 """Spheres on a robot, and which of them may meet, from the file that the robot was read from."""
 
+import contextlib
 from typing import Any
 
 import numpy as np
 
-from .._errors import ConfigurationError
 from ..kinematics import Robot
-from ._robot_spheres import RobotSpheres, cover_model, geometry_of_model
+from ._always_touching import without_always_touching
+from ._cover import TooFineError
+from ._robot_spheres import RobotSpheres, bodies_with_geometry, cover_model, geometry_of_model
 from ._self_pairs import ignored_by_model, link_of, self_pairs
 
 _FINENESS = (0.008, 0.015, 0.03, 0.06)  # m, how far spheres may stick out; the first is for hands
-_ENOUGH = 100  # spheres: the first fineness that does with as many is taken, else the last
+_ENOUGH, _ENOUGH_A_JOINT = (
+    100,
+    6,
+)  # spheres, the larger: the first fineness that does with as many is taken, else the last
 
 
 def own_spheres(robot: Robot, hand: str | None = None) -> RobotSpheres:
     """Spheres that cover a `robot`, from the geometry of its own file: for the built-in Panda, `panda_spheres()`.
 
-    They stick out of it by 1.5 cm at most, or by 3 or 6 where else there would be more than 100. The link of the frame
-    `hand` and what it carries, which pass close to things, are covered to 8 mm if possible.
-    **Raises** `RobotError` if the robot was read from no file or its geometry cannot be read (meshes that are not
-    there), `ConfigurationError` if it has none, `UnknownNameError` for a frame that is not there.
+    They stick out of it by 1.5 cm at most, or by 3 or 6 where else there would be more than 100, or 6 a joint; the
+    result's `coverage_error` says. The link of the frame `hand` and what it carries, which pass close to things, are
+    covered to 8 mm if possible. They are found once, and kept on disk (`spheres_from_model`).
+    **Raises** `NoGeometryError`, a `RobotError`, if the robot was read from no file or its file has no geometry,
+    `RobotError` if that cannot be read (meshes that are not there), `ConfigurationError` if 6 cm are too fine,
+    `UnknownNameError` for a frame that is not there.
     """
     model = geometry_of_model(robot)
-    whole = _finest(model, robot.source, _FINENESS[1:], None)
+    most = max(_ENOUGH, _ENOUGH_A_JOINT * robot.num_joints)
+    whole = _finest(model, robot.source, _FINENESS[1:], None, most)
     link = None if hand is None else link_of(robot, hand)
-    bodies = {name: robot.model.frames[robot.frame_index(name)].body for name in whole.frames}
+    bodies = {name: robot.model.frames[robot.frame_index(name)].body for name in bodies_with_geometry(model).values()}
     carried = tuple(name for name, body in bodies.items() if link in robot.model.path(body))
     if not carried:
         return whole
-    fine, rest = _finest(model, robot.source, _FINENESS, carried), whole.without(*carried)
+    fine = _finest(model, robot.source, _FINENESS, carried, most)
+    rest = whole.rows([i for i, name in enumerate(whole.frames) if name not in carried])
     return RobotSpheres(
         (*fine.frames, *rest.frames),
         np.concatenate([fine.offsets, rest.offsets]),
@@ -38,16 +47,16 @@ def own_spheres(robot: Robot, hand: str | None = None) -> RobotSpheres:
 
 
 def own_self_pairs(robot: Robot, spheres: RobotSpheres) -> tuple[tuple[int, int], ...]:
-    """The pairs of `spheres` that must not meet, by `self_pairs` and what the own file of `robot` excludes."""
-    return self_pairs(robot, spheres.frames, ignored_by_model(robot) if robot.source else None)
+    """The pairs of `spheres` that must not meet, by `self_pairs` and what the own file of `robot` excludes.
+
+    Pairs that touch wherever the joints are, within their limits, are left out: they could only push for ever.
+    """
+    pairs = self_pairs(robot, spheres.frames, ignored_by_model(robot) if robot.source else None)
+    return without_always_touching(robot, spheres, pairs)
 
 
-def _finest(model: Any, source: str, fineness: tuple[float, ...], frames: tuple[str, ...] | None) -> RobotSpheres:
+def _finest(model: Any, source: str, fineness: tuple[float, ...], frames: Any, most: int) -> RobotSpheres:
     for error in fineness[:-1]:
-        try:
-            found = cover_model(model, error, frames, source)
-        except ConfigurationError:  # too many, or no geometry, which the last says too
-            continue
-        if found.size <= _ENOUGH:
-            return found
+        with contextlib.suppress(TooFineError):
+            return cover_model(model, error, frames, source, most)
     return cover_model(model, fineness[-1], frames, source)

@@ -8,13 +8,15 @@ from typing import Any
 import jax
 import numpy as np
 
-from .._errors import ConfigurationError, RobotError, UnknownNameError
+from .._errors import ConfigurationError, NoGeometryError, UnknownNameError
 from .._pytree import pytree, set_field, static
 from .._ranges import Finite, NonNegative, require_number
 from .._rotations import rotation_of_quaternion
 from ..kinematics import PANDA_MODEL, ControlPoints, Robot
 from ..kinematics._mujoco import compile_spec, import_mujoco, read_spec
-from ._cover import cover_box, cover_capsule, cover_convex_hull, cover_cylinder, cover_ellipsoid
+from ._cover import MOST, TooFineError, cover_capsule, cover_polytopes
+from ._cover_cache import cover_file, read_cover, write_cover
+from ._polytopes import Polytope, box, cylinder, ellipsoid, hull
 
 
 @pytree
@@ -62,7 +64,7 @@ class RobotSpheres:
         rows = [i for i, name in enumerate(self.frames) if name not in frames]
         if not rows:
             raise ConfigurationError(f"no sphere is left without those on {sorted(set(frames))}.")
-        return self._of(rows)
+        return self.rows(rows)
 
     def moving(self, robot: Robot) -> "RobotSpheres":
         """The spheres that some joint of `robot` moves, perhaps none: others, of a base or a link that turns about its
@@ -70,9 +72,11 @@ class RobotSpheres:
         rows = [
             i for i, (name, at) in enumerate(zip(self.frames, self.offsets, strict=True)) if _moves(robot, name, at)
         ]
-        return self._of(rows)
+        return self.rows(rows)
 
-    def _of(self, rows: list[int]) -> "RobotSpheres":
+    def rows(self, rows: Sequence[int]) -> "RobotSpheres":
+        """The spheres of these indices, perhaps none."""
+        rows = list(rows)
         frames = tuple(self.frames[i] for i in rows)
         return RobotSpheres(frames, self.offsets[rows], self.radii[rows], self.coverage_error)
 
@@ -88,19 +92,21 @@ def spheres_from_model(
     frames: Sequence[str] | None = None,
     packages: Mapping[str, str | os.PathLike] | None = None,
 ) -> RobotSpheres:
-    """Cover the geometry of an MJCF or URDF file with spheres.
+    """Cover the geometry of an MJCF or URDF file with spheres, as few as are found in a few seconds.
 
-    Every geometry that can collide is covered; if there is none, every geometry. Spheres, capsules, boxes,
-    cylinders and ellipsoids are covered as they are, meshes as their convex hulls, which is how MuJoCo collides them.
-    Geometry fixed to the world, and planes and height fields, are scenery and left out.
+    Each link's geometry that can collide is covered; of a link that has none, all its geometry, its look. Spheres and
+    capsules are covered one by one, other solids of a link, and of links rigidly joined to it, together: a sphere on
+    one link may cover a part of the other. Meshes are covered as their convex hulls, which is how MuJoCo collides them.
+    Geometry of the world itself, and planes and height fields fixed to it, are scenery and left out. Spheres are kept
+    on disk, in `JAXRMP_CACHE` or `~/.cache/jaxrmp`, by what they were found from.
 
     **Arguments**: `source`, the file (its meshes must be there), a `Robot` that was read from one, or a
-    `mujoco.MjModel`; `max_error`, how far spheres may stick out of the geometry, m: the smaller, the more spheres (a
-    solid other than a capsule or a sphere needs about its volume over the cube of this); `frames`, the bodies to cover,
-    by default all; `packages`, see `load_robot`.
+    `mujoco.MjModel`; `max_error`, how far spheres may stick out of the geometry, m: the smaller, the more spheres;
+    `frames`, the bodies to cover, by default all; `packages`, see `load_robot`.
     **Returns** `RobotSpheres` whose frames are bodies; its `coverage_error` is the largest protrusion there is.
-    **Raises** `RobotError` if the file cannot be read, `ConfigurationError` if `max_error` is not positive, asks for
-    too many spheres, or `frames` names a body without geometry.
+    **Raises** `RobotError` if the file cannot be read, `NoGeometryError` if there is nothing to cover,
+    `ConfigurationError` if `max_error` is not positive, asks for too many spheres, or `frames` names a body without
+    geometry.
     """
     require_number("spheres_from_model", "max_error", max_error)
     read = isinstance(source, str | os.PathLike | Robot)
@@ -119,11 +125,14 @@ def geometry_of_model(
 
     `source` may be a `Robot` that was read from a file; `packages`, see `load_robot`, by default the robot's; `looks`,
     whether a URDF's visual geometry is wanted, too, of links that have collision geometry.
-    **Raises** `RobotError` if the file, or a mesh that it names, is not there or cannot be read.
+    **Raises** `RobotError` if the file, or a mesh that it names, is not there or cannot be read, `NoGeometryError` for
+    a robot that was read from text.
     """
     if isinstance(source, Robot):
         if source.source is None:
-            raise RobotError(f"{source.name!r} was read from no file that could have its geometry: load it from one.")
+            raise NoGeometryError(
+                f"{source.name!r} was read from no file that could have its geometry: load it from one or pass spheres."
+            )
         source, packages = source.source, dict(source.model.packages) | dict(packages or {})
     spec = read_spec(source, packages, looks=looks, physics=False)
     spec.compiler.fusestatic = spec.compiler.discardvisual = False
@@ -150,40 +159,113 @@ def _moves(robot: Robot, frame: str, offset: Any) -> bool:
     return False
 
 
-def cover_model(m, max_error, only, source) -> RobotSpheres:
-    geoms = [g for g in range(m.ngeom) if m.geom_bodyid[g] > 0]
-    colliding = [g for g in geoms if m.geom_contype[g] or m.geom_conaffinity[g]]
-    names, offsets, radii, error = [], [], [], 0.0
-    for g in colliding or geoms:
-        body = int(m.geom_bodyid[g])
-        name = m.body(body).name or f"body_{body}"
-        found = _cover_geometry(m, g, max_error) if only is None or name in only else None
-        if found is None:
-            continue
-        centers, sizes, stick_out = found
-        offsets.append(m.geom_pos[g] + centers @ rotation_of_quaternion(m.geom_quat[g]).T)
-        radii.append(sizes)
-        names += [name] * len(sizes)
-        error = max(error, stick_out)
-    if missing := set(only or ()) - set(names):
-        raise ConfigurationError(f"{source} has no geometry for {sorted(missing)}. Bodies with: {sorted(set(names))}.")
-    if not names:
-        raise ConfigurationError(f"{source} has no geometry to cover with spheres.")
-    return RobotSpheres(tuple(names), np.concatenate(offsets), np.concatenate(radii), error)
+def cover_model(m: Any, max_error: float, only: Sequence[str] | None, source: str, most: int = MOST) -> RobotSpheres:
+    """The spheres of a `mujoco.MjModel` called `source` in messages, `most` at most; found anew only if not yet known.
+
+    **Raises** as `spheres_from_model`.
+    """
+    bodies = bodies_with_geometry(m)
+    if missing := set(only or ()) - set(bodies.values()):
+        raise ConfigurationError(
+            f"{source} has no geometry for {sorted(missing)}. Bodies with: {sorted(bodies.values())}."
+        )
+    chosen = {b: name for b, name in bodies.items() if only is None or name in only}
+    geoms = {b: _geometry(m, b) for b in chosen}
+    if not any(geoms.values()):
+        raise NoGeometryError(f"{source} has no geometry to cover with spheres.")
+    file = cover_file(m, float(max_error), sorted(chosen), most)
+    found = read_cover(file)
+    if found is None:
+        try:
+            found = _cover_groups(m, _rigid_groups(m, chosen), geoms, max_error, most)
+        except TooFineError:
+            found = {}
+        write_cover(file, **found)
+    if not found:
+        raise TooFineError(max_error, most)
+    names = tuple(bodies[int(b)] for b in found["owner"])
+    return RobotSpheres(names, found["offsets"], found["radii"], float(found["error"]))
 
 
-def _cover_geometry(m, g: int, max_error: float) -> Any:
-    kinds, (a, b, _) = import_mujoco().mjtGeom, m.geom_size[g]
-    kind, mesh = kinds(m.geom_type[g]), m.geom_dataid[g]
-    if kind == kinds.mjGEOM_MESH:
-        first = m.mesh_vertadr[mesh]
-        return cover_convex_hull(m.mesh_vert[first : first + m.mesh_vertnum[mesh]].astype(float), max_error)
-    covers: dict[Any, tuple[Callable, tuple]] = {
-        kinds.mjGEOM_SPHERE: (cover_capsule, (a, 0.0)),
-        kinds.mjGEOM_CAPSULE: (cover_capsule, (a, b)),
-        kinds.mjGEOM_BOX: (cover_box, (m.geom_size[g],)),
-        kinds.mjGEOM_CYLINDER: (cover_cylinder, (a, b)),
-        kinds.mjGEOM_ELLIPSOID: (cover_ellipsoid, (m.geom_size[g],)),
+def bodies_with_geometry(m: Any) -> dict[int, str]:
+    """The bodies of a `mujoco.MjModel` that have geometry, by their indices."""
+    return {int(b): m.body(b).name or f"body_{b}" for b in np.unique(m.geom_bodyid) if b > 0}
+
+
+def _geometry(m, body: int) -> list[int]:
+    """What is covered of a link: its geometry that collides, if it has such, else all; none of planes and the like."""
+    kinds = import_mujoco().mjtGeom
+    covered = {*_solids(kinds), kinds.mjGEOM_SPHERE, kinds.mjGEOM_CAPSULE}
+    own = [g for g in np.flatnonzero(m.geom_bodyid == body).tolist() if kinds(m.geom_type[g]) in covered]
+    return [g for g in own if m.geom_contype[g] or m.geom_conaffinity[g]] or own
+
+
+def _rigid_groups(m, bodies) -> list[list[int]]:
+    groups: dict[int, list[int]] = {}
+    for b in bodies:
+        groups.setdefault(int(m.body_weldid[b]), []).append(b)
+    return list(groups.values())
+
+
+def _solids(kinds) -> dict[Any, Callable]:
+    return {
+        kinds.mjGEOM_MESH: _hull_of_mesh,
+        kinds.mjGEOM_SDF: _hull_of_mesh,
+        kinds.mjGEOM_BOX: lambda m, g, _: box(m.geom_size[g]),
+        kinds.mjGEOM_CYLINDER: lambda m, g, _: cylinder(*m.geom_size[g][:2]),
+        kinds.mjGEOM_ELLIPSOID: lambda m, g, _: ellipsoid(m.geom_size[g]),
     }
-    cover, sizes = covers.get(kind, (None, ()))
-    return cover and cover(*sizes, max_error)
+
+
+def _hull_of_mesh(m, g: int, max_error: float) -> Polytope:
+    mesh = m.geom_dataid[g]
+    points = m.mesh_vert[m.mesh_vertadr[mesh] :][: m.mesh_vertnum[mesh]].astype(float)
+    return hull(points, 0.02 * max_error)
+
+
+def _cover_groups(m, groups, geoms, max_error: float, most: int) -> dict[str, np.ndarray]:
+    parts, left = [], most
+    for group in groups:
+        found = _cover_group(m, group, geoms, max_error, left)
+        left -= sum(len(radii) for _, _, radii, _ in found)
+        if left < 0:
+            raise TooFineError(max_error, most)
+        parts += found
+    owners, offsets, radii, errors = zip(*parts, strict=True)
+    owner, offsets, radii = map(np.concatenate, (owners, offsets, radii))
+    return dict(owner=owner, offsets=offsets, radii=radii, error=np.array(max(errors)))
+
+
+def _cover_group(m, group: list[int], geoms: dict[int, list[int]], max_error: float, most: int) -> list[tuple]:
+    """Covers of links rigidly joined, as bodies, centres in them, radii, error: capsules and spheres each by itself,
+    the other solids together."""
+    kinds = import_mujoco().mjtGeom
+    makers, parts, solids, homes = _solids(kinds), [], [], []
+    for body in group:
+        for g in geoms[body]:
+            kind, rotation, position = kinds(m.geom_type[g]), rotation_of_quaternion(m.geom_quat[g]), m.geom_pos[g]
+            if kind in makers:
+                solids.append(makers[kind](m, g, max_error).moved(rotation, position).moved(*_pose(m, body)))
+                homes.append(body)
+                continue
+            half_length = m.geom_size[g][1] if kind == kinds.mjGEOM_CAPSULE else 0.0
+            centers, radii, error = cover_capsule(m.geom_size[g][0], half_length, max_error)
+            parts.append((np.full(len(radii), body), position + centers @ rotation.T, radii, error))
+    if solids:
+        centers, radii, error = cover_polytopes(solids, max_error, most)
+        owner = np.array(homes)[np.argmax([solid.depth(centers) for solid in solids], axis=0)]
+        for body in sorted(set(owner.tolist())):
+            rotation, position = _pose(m, body)
+            rows = owner == body
+            parts.append((owner[rows], (centers[rows] - position) @ rotation, radii[rows], error))
+    return parts
+
+
+def _pose(m, body: int) -> tuple[np.ndarray, np.ndarray]:
+    """Of a body, in the first of those that it is rigidly joined to."""
+    rotation, position = np.eye(3), np.zeros(3)
+    while body != m.body_weldid[body]:
+        own = rotation_of_quaternion(m.body_quat[body])
+        rotation, position = own @ rotation, own @ position + m.body_pos[body]
+        body = m.body_parentid[body]
+    return rotation, position

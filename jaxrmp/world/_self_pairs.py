@@ -32,13 +32,14 @@ def self_pairs(
             for frame in pair:
                 UnknownNameError.check("frame in ignore", frame, robot.frame_names)
             touching.add(frozenset(pair))
-    pairs = []
-    for j, second in enumerate(frames):
-        for i, first in enumerate(frames[:j]):
-            distinct = links[first] != links[second]
-            if distinct and not {frozenset((links[first], links[second])), frozenset((first, second))} & touching:
-                pairs.append((i, j))
-    return tuple(pairs)
+    names = list(links)
+    apart = [
+        [links[a] != links[b] and not {frozenset((links[a], links[b])), frozenset((a, b))} & touching for b in names]
+        for a in names
+    ]
+    at = np.array([names.index(name) for name in frames], int)
+    meet = np.tril(np.array(apart, bool).reshape(len(names), len(names))[np.ix_(at, at)], -1)
+    return tuple((int(i), int(j)) for j, i in np.argwhere(meet))
 
 
 def ignored_by_model(source: str | os.PathLike | Robot) -> dict[str, tuple[str, ...]]:

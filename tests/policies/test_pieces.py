@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxrmp import RobotError, certificate, policies, uncertified_leaves
+from jaxrmp import RobotError, UnsafeFileWarning, certificate, policies, uncertified_leaves
 from jaxrmp.kinematics import forward_kinematics, load_robot, load_robot_from_string, panda
 from jaxrmp.leaves import CollisionAvoidance, JointLimit
 from jaxrmp.policies import NOTHING
@@ -85,7 +85,7 @@ def test_what_a_robot_lacks_adds_nothing(arm, spheres):
     ]
     assert names(sum(nothing, NOTHING)) == []
     assert names(sum(nothing, NOTHING) + policies.damping()) == ["joint_damping"]
-    with pytest.warns(UserWarning, match="'wheel' avoids neither obstacles nor itself.*no file"):
+    with pytest.warns(UnsafeFileWarning, match="'wheel' avoids neither obstacles nor itself.*no file"):
         assert policies.reaching_policy(wheel, "rim").spheres is None
 
 

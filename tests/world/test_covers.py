@@ -1,0 +1,175 @@
+"""Covers hold every point, stick out as far as they say, take few spheres, and are told where there is none."""
+
+import warnings
+
+import mujoco
+import numpy as np
+import pytest
+from scipy.spatial import ConvexHull
+
+from jaxrmp import ConfigurationError, NoGeometryError, RobotError, UnsafeFileWarning, policies
+from jaxrmp.kinematics import load_robot, load_robot_from_string
+from jaxrmp.world import RobotSpheres, _robot_spheres, own_self_pairs, own_spheres, spheres_from_model
+
+HINGE = '<joint name="{}" axis="0 0 1" range="-1 1" limited="true"/>'
+
+
+def pill(length=0.75, radius=0.08, around=40, along=20):
+    """Vertices of a smooth mesh: 800, of the size of a large arm's upper arm."""
+    polar, turn = np.linspace(0.15, np.pi - 0.15, along), np.linspace(0, 2 * np.pi, around, endpoint=False)
+    z = radius * np.cos(polar) + np.sign(np.cos(polar)) * (length / 2 - radius)
+    ring = np.stack([np.cos(turn), np.sin(turn)], axis=1)
+    return np.concatenate([np.c_[radius * np.sin(b) * ring, np.full(around, h)] for b, h in zip(polar, z, strict=True)])
+
+
+def of_vertices(*meshes):
+    """A model of one body with these hulls, each given by its vertices."""
+    assets = "".join(
+        f'<mesh name="m{k}" vertex="{" ".join(map(str, np.round(v, 6).ravel()))}"/>' for k, v in enumerate(meshes)
+    )
+    geoms = "".join(f'<geom type="mesh" mesh="m{k}"/>' for k in range(len(meshes)))
+    body = f'<body name="link">{HINGE.format("j")}{geoms}</body>'
+    return mujoco.MjModel.from_xml_string(f"<mujoco><asset>{assets}</asset><worldbody>{body}</worldbody></mujoco>")
+
+
+def hulls(m):
+    for g in range(m.ngeom):
+        turn, at = np.zeros(9), m.geom_dataid[g]
+        mujoco.mju_quat2Mat(turn, m.geom_quat[g])
+        points = m.mesh_vert[m.mesh_vertadr[at] :][: m.mesh_vertnum[at]]
+        yield m.geom_pos[g] + points @ turn.reshape(3, 3).T
+
+
+def assert_covers(spheres, solids):
+    """By samples of surface and inside, and by the exact depth of the centres in the hulls."""
+    rng, offsets, radii = np.random.default_rng(0), np.asarray(spheres.offsets), np.asarray(spheres.radii)
+    deepest = np.full(len(radii), -np.inf)
+    for points in solids:
+        hull = ConvexHull(points)
+        corners = (
+            rng.dirichlet(np.ones(3), 20000)[..., None]
+            * points[hull.simplices[rng.integers(len(hull.simplices), size=20000)]]
+        )
+        surface = corners.sum(axis=1)
+        inside = points.mean(axis=0) + rng.random((20000, 1)) * (surface - points.mean(axis=0))
+        samples = np.concatenate([points, surface, inside])
+        gap = (np.linalg.norm(samples[:, None] - offsets, axis=-1) - radii).min(axis=1)
+        assert gap.max() <= 1e-6
+        deepest = np.maximum(deepest, (-hull.equations[:, 3] - offsets @ hull.equations[:, :3].T).min(axis=1))
+    assert (radii - deepest).max() <= spheres.coverage_error + 1e-6
+    assert (radii - deepest).max() >= 0.9 * spheres.coverage_error
+    assert (deepest >= -1e-6).all()
+
+
+@pytest.mark.parametrize(("max_error", "most"), [(0.03, 6), (0.01, 15)])
+def test_a_smooth_mesh_takes_few_spheres(max_error, most):
+    m = of_vertices(pill())
+    spheres = spheres_from_model(m, max_error)
+    assert spheres.size <= most and spheres.coverage_error <= max_error
+    assert_covers(spheres, hulls(m))
+
+
+def test_random_hulls_of_many_and_of_few_points_that_overlap_are_covered():
+    rng = np.random.default_rng(1)
+    stretched = rng.normal(size=(6000, 3)) * [0.01, 0.02, 0.05]
+    m = of_vertices(stretched, rng.uniform(-0.1, 0.1, (9, 3)) + [0, 0, 0.2], rng.uniform(-0.02, 0.02, (30, 3)))
+    spheres = spheres_from_model(m, 0.02)
+    assert spheres.size < 60 and spheres.coverage_error <= 0.02
+    assert_covers(spheres, hulls(m))
+
+
+def test_a_plate_without_thickness_is_covered():
+    from jaxrmp.world._cover import cover_polytopes
+    from jaxrmp.world._polytopes import hull
+
+    plate = np.random.default_rng(0).uniform(-0.1, 0.1, (60, 3)) * [1, 1, 0]
+    centers, radii, error = cover_polytopes([hull(plate, 1e-4)], 0.03)
+    assert error <= 0.03
+    assert ((np.linalg.norm(plate[:, None] - centers, axis=-1) - radii).min(axis=1) <= 1e-6).all()
+
+
+LINKS = f"""<mujoco><worldbody>
+<body name="bare">{HINGE.format("a")}<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>
+<body name="arm" pos=".3 0 0">{HINGE.format("b")}<geom type="box" size=".05 .05 .05"/>
+  <geom type="sphere" size=".3" contype="0" conaffinity="0"/>
+<body name="gripper" pos=".3 0 0">{HINGE.format("c")}<geom type="box" size=".05 .15 .05" contype="0" conaffinity="0"/>
+  <body name="camera" pos="0 .16 0"><geom type="box" size=".01 .01 .01"/></body>
+</body></body></body></worldbody></mujoco>"""
+
+
+def test_a_link_that_does_not_collide_is_covered_by_its_look(tmp_path):
+    path = tmp_path / "robot.xml"
+    path.write_text(LINKS)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        whole = spheres_from_model(path, 0.03)
+    assert set(whole.frames) <= {"arm", "gripper", "camera"} and {"arm", "gripper"} <= set(whole.frames)
+    arm = [k for k, name in enumerate(whole.frames) if name == "arm"]
+    assert np.asarray(whole.radii)[arm].max() < 0.15  # not by its look, the sphere
+    assert set(spheres_from_model(path, 0.03, frames=("gripper",)).frames) == {"gripper"}
+    assert set(spheres_from_model(path, 0.03, frames=("camera",)).frames) == {"camera"}
+    x, y, z = np.meshgrid(*[np.linspace(-1, 1, 21)] * 3)
+    box = np.stack([x, y, z], axis=-1).reshape(-1, 3) * [0.05, 0.15, 0.05]
+    shift = {"arm": np.full(3, 9.0), "gripper": np.zeros(3), "camera": np.array([0, 0.16, 0])}
+    centers = np.asarray(whole.offsets) + np.array([shift[name] for name in whole.frames])
+    gap = (np.linalg.norm(box[:, None] - centers, axis=-1) - np.asarray(whole.radii)).min(axis=1)
+    assert gap.max() <= 1e-6
+
+
+def test_spheres_are_kept_on_disk_by_what_they_were_found_from(tmp_path, monkeypatch):
+    monkeypatch.setenv("JAXRMP_CACHE", str(tmp_path))
+    first = spheres_from_model(of_vertices(pill()), 0.03)
+    (kept,) = (tmp_path / "spheres").iterdir()
+
+    def search(*_):
+        raise AssertionError("searched")
+
+    with monkeypatch.context() as held:
+        held.setattr(_robot_spheres, "cover_polytopes", search)
+        again = spheres_from_model(of_vertices(pill()), 0.03)
+        np.testing.assert_array_equal(again.offsets, first.offsets)
+        assert again.frames == first.frames and again.coverage_error == first.coverage_error
+        for other in (of_vertices(pill(radius=0.081)), of_vertices(pill(), pill(0.3))):
+            with pytest.raises(AssertionError, match="searched"):
+                spheres_from_model(other, 0.03)
+        with pytest.raises(AssertionError, match="searched"):
+            spheres_from_model(of_vertices(pill()), 0.02)
+    kept.write_bytes(kept.read_bytes()[:100])
+    assert spheres_from_model(of_vertices(pill()), 0.03).size == first.size
+    monkeypatch.setenv("JAXRMP_CACHE", str(kept))  # no folder: nothing can be kept there
+    assert spheres_from_model(of_vertices(pill()), 0.03).size == first.size
+
+
+def test_a_robot_is_covered_as_finely_as_few_spheres_allow_and_an_error_is_never_swallowed(tmp_path, monkeypatch):
+    path = tmp_path / "robot.xml"
+    path.write_text(LINKS.replace(".05 .15 .05", ".3 .3 .3"))
+    robot = load_robot(path)
+    found = own_spheres(robot)
+    assert found.size <= 100 and 0.03 < found.coverage_error <= 0.06
+    monkeypatch.setattr("jaxrmp.world._own_spheres._FINENESS", (1e-5,) * 4)
+    with pytest.raises(ConfigurationError, match="max_error=1e-05 m needs more than"):
+        policies.reaching_policy(robot, "gripper")
+    path.write_text(LINKS.replace('type="box" size=".01 .01 .01"', 'type="mesh" mesh="gone"'))
+    with pytest.raises(RobotError, match="gone"):
+        policies.reaching_policy(robot, "gripper")
+
+
+def test_a_robot_without_any_geometry_is_told_as_unsafe(tmp_path):
+    text = f'<mujoco model="stick"><worldbody><body name="link">{HINGE.format("j")}'
+    text += '<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/></body></worldbody></mujoco>'
+    path = tmp_path / "robot.xml"
+    path.write_text(text)
+    for robot, why in ((load_robot(path), "no geometry to cover"), (load_robot_from_string(text), "read from no file")):
+        with pytest.warns(UnsafeFileWarning, match=f"'stick' avoids neither obstacles nor itself.*{why}"):
+            assert policies.reaching_policy(robot, "link").spheres is None
+        with pytest.raises(NoGeometryError, match=why):
+            own_spheres(robot)
+
+
+def test_pairs_that_always_touch_are_left_out(tmp_path):
+    path = tmp_path / "robot.xml"
+    path.write_text(LINKS)
+    robot = load_robot(path)
+    frames, offsets = ("bare", "bare", "gripper"), np.array([[0.3, 0, 0], [0.3, 0, 0], [0, 0, 0]])
+    assert own_self_pairs(robot, RobotSpheres(frames, offsets, np.array([0.1, 0.25, 0.1]))) == ((0, 2),)
+    assert own_self_pairs(robot, RobotSpheres((), np.zeros((0, 3)), np.zeros(0))) == ()
