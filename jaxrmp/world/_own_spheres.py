@@ -12,10 +12,8 @@ from ._robot_spheres import RobotSpheres, bodies_with_geometry, cover_model, geo
 from ._self_pairs import ignored_by_model, link_of, self_pairs
 
 _FINENESS = (0.008, 0.015, 0.03, 0.06)  # m, how far spheres may stick out; the first is for hands
-_ENOUGH, _ENOUGH_A_JOINT = (
-    100,
-    6,
-)  # spheres, the larger: the first fineness that does with as many is taken, else the last
+# Spheres, the larger of the two: the first fineness that does with as many is taken, else the last.
+_ENOUGH, _ENOUGH_A_JOINT = 100, 6
 
 
 def own_spheres(robot: Robot, hand: str | None = None) -> RobotSpheres:
@@ -30,9 +28,11 @@ def own_spheres(robot: Robot, hand: str | None = None) -> RobotSpheres:
     """
     model = geometry_of_model(robot)
     most = max(_ENOUGH, _ENOUGH_A_JOINT * robot.num_joints)
-    whole = _finest(model, robot.source, _FINENESS[1:], None, most)
+    covered = list(bodies_with_geometry(model).values())
+    of_robot = {name: i for i, name in enumerate(body.name for body in robot.model.bodies)}
+    bodies = {name: of_robot[name] for name in covered if name in of_robot}  # of its file, it may be a branch
+    whole = _finest(model, robot.source, _FINENESS[1:], None if len(bodies) == len(covered) else tuple(bodies), most)
     link = None if hand is None else link_of(robot, hand)
-    bodies = {name: robot.model.frames[robot.frame_index(name)].body for name in bodies_with_geometry(model).values()}
     carried = tuple(name for name, body in bodies.items() if link in robot.model.path(body))
     if not carried:
         return whole

@@ -6,6 +6,8 @@ import pytest
 
 import jaxrmp
 from jaxrmp.kinematics import forward_kinematics, load_robot, load_robot_from_string
+from jaxrmp.policies import reaching_policy
+from jaxrmp.world import World
 
 ARM = """<body name="{0}_base" pos="{1} 0 0"><body name="{0}_upper" pos="0 0 .3">
 <joint name="{0}_pan" axis="0 0 1" range="-2 2"/><geom size=".05"/><body name="{0}_hand" pos=".4 0 0">
@@ -45,6 +47,14 @@ def test_one_arm_of_two_on_a_column_that_stands_still_or_is_put_somewhere(file):
     np.testing.assert_allclose(forward_kinematics(raised, np.zeros(2), "b_hand")[:3, 3], [0.2, 0, 1.1], atol=1e-6)
     with pytest.raises(jaxrmp.UnknownNameError, match="b_base"):
         load_robot(file, root="c_base")
+
+
+def test_one_arm_of_two_is_covered_and_reaches(file):
+    robot = load_robot(file, root="b_base", fixed={"*_finger_*": None})
+    policy = reaching_policy(robot, "b_hand")
+    assert {name[0] for name in policy.spheres.frames} == {"b"}
+    tree = policy.tree(np.eye(4), World())
+    assert np.isfinite(jaxrmp.acceleration(tree, np.full(2, 0.1), np.zeros(2))).all()
 
 
 @pytest.mark.filterwarnings("ignore::jaxrmp.FileWarning")
