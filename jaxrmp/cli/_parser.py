@@ -36,6 +36,7 @@ _PAGE = (
     _argument("--port P", "on 127.0.0.1; default 8080, 0 for any", 8080),
     _argument("--until-closed", "end when the page is closed, not by Ctrl-C only"),
 )
+_FIX = _argument("--fix PATTERN", "lock joints, such as '*_finger_*' or elbow=0.5; may be given again", action="append")
 # Of each command: what it does, in a few words and in more, an example, and its arguments.
 _COMMANDS: dict[str, tuple[str, str, str, list[tuple[str, dict[str, Any]]]]] = {
     "learn": (
@@ -162,8 +163,11 @@ _COMMANDS: dict[str, tuple[str, str, str, list[tuple[str, dict[str, Any]]]]] = {
         f"{_DRAWER} --scene drawer",
         [
             _argument("SKILL", "skill file; default a hand-designed policy", nargs="?"),
-            _argument("--robot FILE", "MJCF or URDF file, default the Panda, or the skill's robot", type=str),
+            _argument(
+                "--robot FILE", "robot file (MJCF, URDF, TOML), default the Panda, or the skill's robot", type=str
+            ),
             _argument("--frame FRAME", "without SKILL: the frame that is taken to the goal"),
+            _FIX,
             _argument("--scene SCENE", "furniture around the skill: " + _SCENE),
             _argument("--demos DIR", _LEARNED_FROM, type=str),
             _argument("--balls N", "draggable obstacles, default 1, in a scene 0", choices=(0, 1, 2)),
@@ -176,8 +180,9 @@ _COMMANDS: dict[str, tuple[str, str, str, list[tuple[str, dict[str, Any]]]]] = {
         "target, and save a set that jaxrmp learn takes, with a configuration beside it. Ctrl-C ends it.",
         "--robot panda --out out/cup",
         [
-            _argument("--robot FILE", "panda (default), or an MJCF or URDF file", "panda"),
-            _argument("--frame FRAME", "the frame that is dragged, default the hand or the last one"),
+            _argument("--robot FILE", "panda (default), or an MJCF, URDF or TOML robot file", "panda"),
+            _argument("--frame FRAME", "the frame that is dragged, default the hand"),
+            _FIX,
             _argument("--out DIR", "folder to save demonstrations to", required=True),
             _argument("--overwrite", "replace demonstrations that are there"),
             *_PAGE,

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from .._errors import DemonstrationError
-from ..kinematics import Robot
+from .._errors import ConfigurationError, DemonstrationError
+from ..kinematics import Robot, load_robot
 from ..learning import DemonstrationSet, Skill, load_demonstrations, load_skill
 from ..scenes import Scene, scene
 from ..synthetic import SYNTHETIC_TASKS, synthetic_demonstrations
@@ -23,6 +23,29 @@ def skill_and_robot(file: str | os.PathLike, named: str | None) -> tuple[Skill, 
     skill = load_skill(file)
     robot = skill.load_robot(named)
     return replace(skill, configuration=replace(skill.configuration, robot=named)) if named else skill, robot
+
+
+def robot_of(named: str | None, fix: list[str] | None) -> str | Robot:
+    """The robot of a file with the joints of `--fix PATTERN[=VALUE]` locked, or its name where there is none to lock.
+
+    **Raises** `ConfigurationError` for a value that is no number, else as `load_robot`.
+    """
+    if not fix:
+        return named or "panda"
+    if named in (None, "panda"):
+        raise ConfigurationError(
+            "--fix is for a robot of a file: --robot FILE. The built-in Panda's fingers are locked."
+        )
+    fixed = {}
+    for given in fix:
+        pattern, _, value = given.partition("=")
+        try:
+            fixed[pattern] = float(value) if value else None
+        except ValueError as error:
+            raise ConfigurationError(
+                f"--fix {given}: {value!r} is no number. Expected PATTERN=VALUE, rad or m."
+            ) from error
+    return load_robot(named, fixed=fixed)
 
 
 def scene_of(named: str, skill: Skill) -> Scene:

@@ -7,7 +7,7 @@ from .._errors import ConfigurationError, DemonstrationError
 from ..learning import prepare
 from ..viewer import Viewer, reach_content, skill_content
 from ._pages import show
-from ._sources import demonstrations_of, scene_of, skill_and_robot
+from ._sources import demonstrations_of, robot_of, scene_of, skill_and_robot
 
 
 def run(arguments: argparse.Namespace, rest: list[str]) -> None:
@@ -19,10 +19,12 @@ def _viewer(arguments: argparse.Namespace) -> Viewer:
         if arguments.scene or arguments.demos:
             raise ConfigurationError("--scene and --demos belong to a skill: give SKILL, or leave them out.")
         balls = 1 if arguments.balls is None else arguments.balls
-        return Viewer(reach_content(arguments.robot or "panda", arguments.frame, balls=balls), arguments.port)
-    if arguments.frame:
+        robot = robot_of(arguments.robot, arguments.fix)
+        return Viewer(reach_content(robot, arguments.frame, balls=balls), arguments.port)
+    if arguments.frame or arguments.fix:
         raise ConfigurationError(
-            "--frame is for the hand-designed policy: a skill has its control points. Leave it out."
+            "--frame and --fix are for the hand-designed policy: a skill has its control points and its robot. Leave "
+            "them out."
         )
     skill, robot = skill_and_robot(arguments.skill, arguments.robot)
     place = scene_of(arguments.scene, skill) if arguments.scene else None

@@ -38,6 +38,8 @@ def load_robot(
 ) -> Robot:
     """Read a robot from the MJCF or URDF file at `path`, or from a TOML file that names one (docs/guides/new_robot.md).
 
+    What the arguments say is added to what a TOML file says, or replaces it.
+
     Only the kinematics is read: meshes need not be there, links need no inertia. Joints may be revolute, prismatic
     or fixed, several to a body, in branching trees; fixed links and sites stay as frames. Mimic joints (URDF
     `mimic`, MJCF `equality/joint`) follow their leader and have no coordinate; the leader's own limits count.
@@ -59,8 +61,11 @@ def load_robot(
     `RigidTransformError` for a pose that is none.
     """
     if Path(path).suffix == ".toml":
-        given = {"fixed": fixed, "root": root, "mount": mount, "tools": tools, "name": name, "packages": packages}
-        return load_robot(**(read_robot_file(path) | {key: value for key, value in given.items() if value is not None}))
+        described = read_robot_file(path)
+        for key, more in (("fixed", fixed), ("tools", tools), ("packages", packages)):
+            described[key] = {**described.get(key, {}), **(more or {})}
+        given = {"root": root, "mount": mount, "name": name}
+        return load_robot(**(described | {key: value for key, value in given.items() if value is not None}))
     text, folders = read_text(path), tuple(require_folders(packages).items())
     robot = _robot_of(text, str(path), fixed, name, root, Path(path), folders)
     for tool, (frame, T) in (tools or {}).items():

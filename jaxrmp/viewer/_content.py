@@ -19,16 +19,17 @@ _BALLS = np.array([[0.45, 0.25, 0.45], [0.55, -0.3, 0.35]])
 
 
 def reach_content(
-    robot: str = "panda", frame: str | None = None, *, balls: int = 2, self_collision: bool = True
+    robot: str | Robot = "panda", frame: str | None = None, *, balls: int = 2, self_collision: bool = True
 ) -> Content:
-    """The hand-designed policy on the built-in Panda, or on the robot of an MJCF or URDF file.
+    """The hand-designed policy on the built-in Panda, or on another robot.
 
-    **Arguments**: `robot`, "panda" or a file; `frame`, the hand, by default `hand_frame`'s; `balls`, how many
-    draggable obstacles there may be; `self_collision`, whether the links keep off each other.
+    **Arguments**: `robot`, "panda", a file as `load_robot` takes it, or a `Robot`; `frame`, the hand, by default
+    `hand_frame`'s; `balls`, how many draggable obstacles there may be; `self_collision`, whether the links keep off each
+    other.
     **Raises** `RobotError` for a file that is none, `UnknownNameError` for a frame that is not there.
     """
     built_in = robot == "panda"
-    arm = panda() if built_in else load_robot(robot)
+    arm = robot if isinstance(robot, Robot) else panda() if built_in else load_robot(robot)
     hand = frame or (PANDA_HAND if built_in else hand_frame(arm))
     rest = READY if built_in else arm.middle
     try:

@@ -10,11 +10,12 @@ from ._recorder import TARGET
 _POINTS = {"hand": (0.0, 0.0, -0.06), "left": (0.0, 0.04, 0.0), "right": (0.0, -0.04, 0.0)}  # m, in the hand's frame
 
 
-def write_configuration(folder: Path, robot: str, hand: str, targeted: bool) -> Path:
+def write_configuration(folder: Path, robot: str, hand: str, targeted: bool, fixed: dict[str, float]) -> Path:
     """Write a configuration with three control points on the hand, a triangle that fixes its pose.
 
     **Arguments**: `folder` of the demonstrations; `robot`, "panda" or a file; `hand`, the frame that was dragged;
-    `targeted`, whether the demonstrations have a target frame. **Returns** the file, `FOLDER.toml` beside the folder.
+    `targeted`, whether the demonstrations have a target frame; `fixed`, the robot's locked joints.
+    **Returns** the file, `FOLDER.toml` beside the folder.
     """
     name = re.sub(r"[^\w.-]", "_", folder.name).lstrip("-.") or "skill"
     robot = robot if robot == "panda" else str(Path(robot).resolve())
@@ -22,6 +23,8 @@ def write_configuration(folder: Path, robot: str, hand: str, targeted: bool) -> 
     lines += [f"name = {json.dumps(name)}", f"robot = {json.dumps(robot)}", "seed = 0"]
     if targeted:
         lines.append(f"object = {json.dumps(TARGET)} # the frame that was marked: the skill goes where it goes")
+    if fixed:
+        lines += ["", "[fixed_joints]", *(f"{json.dumps(name)} = {value}" for name, value in fixed.items())]
     for point, offset in _POINTS.items():
         lines += ["", "[[subtasks]]", f"name = {json.dumps(point)}", f"frame = {json.dumps(hand)}"]
         lines.append(f"offset = {list(offset)} # m")

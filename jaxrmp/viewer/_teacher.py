@@ -175,7 +175,9 @@ class Teacher(Session):
         self.recorder.save(self.content.policy.robot, self.out, overwrite=self._overwrite)
         self._overwrite = True  # what is there now is ours
         targeted = self.recorder.recordings[0].T_world_target is not None
-        configuration = write_configuration(self.out, self._robot_name, self.content.hand, targeted)
+        joints = self.content.policy.robot.model.joints if self._robot_name != "panda" else ()
+        fixed = {joint.name: joint.offset for joint in joints if joint.coordinate < 0}
+        configuration = write_configuration(self.out, self._robot_name, self.content.hand, targeted, fixed)
         self.tell(
             f"Saved {len(self.recorder.recordings)} demonstrations. Learn them with\n\n"
             f"`jaxrmp learn {configuration} --demos {self.out}`"

@@ -84,7 +84,7 @@ def test_a_robot_file_says_where_it_stands_and_what_it_holds(file):
     shift = np.eye(4)
     shift[0, 3] = 0.1
     np.testing.assert_allclose(T, turn @ plain @ shift, atol=1e-9)
-    assert load_robot(described, root="b_base", fixed={"*finger*": 0.02}, tools={}).joint_names == ("b_pan", "b_tilt")
+    assert load_robot(described, fixed={"a_pan": 0.1}).joint_names == ("a_tilt",)
 
 
 @pytest.mark.parametrize(

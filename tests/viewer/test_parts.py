@@ -174,12 +174,10 @@ def test_the_configuration_beside_a_set_can_be_read(tmp_path):
     from jaxrmp.learning import load_configuration
 
     for targeted, robot in ((True, "panda"), (False, str(tmp_path / "arm.urdf"))):
-        found = load_configuration(write_configuration(tmp_path / "-a cup", robot, "hand", targeted))
-        assert (found.name, found.object, found.robot) == (
-            "_a_cup"[1:] if False else found.name,
-            TARGET * targeted,
-            robot,
-        )
+        fixed = {} if targeted else {"finger_1": 0.02}
+        found = load_configuration(write_configuration(tmp_path / "-a cup", robot, "hand", targeted, fixed))
+        assert (found.name, found.object, found.robot) == ("a_cup", TARGET * targeted, robot)
+        assert found.fixed_joints == fixed
         assert [subtask.frame for subtask in found.subtasks] == ["hand"] * 3
 
 
