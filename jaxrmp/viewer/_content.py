@@ -24,7 +24,8 @@ def reach_content(
     """The hand-designed policy on the built-in Panda, or on another robot.
 
     **Arguments**: `robot`, "panda", a file as `load_robot` takes it, or a `Robot`; `frame`, the hand, by default
-    `hand_frame`'s; `balls`, how many draggable obstacles there may be; `self_collision`, whether links keep off each other.
+    `hand_frame`'s; `balls`, how many draggable obstacles there may be; `self_collision`, whether links keep off
+    each other.
     **Raises** `RobotError` for a file that is none, `UnknownNameError` for a frame that is not there.
     """
     built_in = robot == "panda"
