@@ -134,8 +134,9 @@ def test_spheres_are_kept_on_disk_by_what_they_were_found_from(tmp_path, monkeyp
                 spheres_from_model(other, 0.03)
         with pytest.raises(AssertionError, match="searched"):
             spheres_from_model(of_vertices(pill()), 0.02)
-    kept.write_bytes(kept.read_bytes()[:100])
-    assert spheres_from_model(of_vertices(pill()), 0.03).size == first.size
+    for left in (100, 0):  # bytes of a file that was not written to its end
+        kept.write_bytes(kept.read_bytes()[:left])
+        assert spheres_from_model(of_vertices(pill()), 0.03).size == first.size
     monkeypatch.setenv("JAXRMP_CACHE", str(kept))  # no folder: nothing can be kept there
     assert spheres_from_model(of_vertices(pill()), 0.03).size == first.size
 
