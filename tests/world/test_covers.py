@@ -1,6 +1,7 @@
 """Covers hold every point, stick out as far as they say, take few spheres, and are told where there is none."""
 
 import warnings
+from types import SimpleNamespace
 
 import mujoco
 import numpy as np
@@ -86,6 +87,15 @@ def test_a_plate_without_thickness_is_covered():
     centers, radii, error = cover_polytopes([hull(plate, 1e-4)], 0.03)
     assert error <= 0.03
     assert ((np.linalg.norm(plate[:, None] - centers, axis=-1) - radii).min(axis=1) <= 1e-6).all()
+
+
+def test_no_cell_is_taken_for_empty_because_a_solver_fails(monkeypatch):
+    from jaxrmp.world import _polytopes
+
+    with monkeypatch.context() as held:
+        held.setattr("scipy.optimize.linprog", lambda *_, **__: SimpleNamespace(status=4, x=None))
+        with pytest.raises(ConfigurationError, match="too flat or too small"):
+            _polytopes.inner_ball(np.concatenate([np.eye(3), -np.eye(3)]), np.ones(6))
 
 
 LINKS = f"""<mujoco><worldbody>
