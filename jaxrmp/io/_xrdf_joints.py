@@ -21,7 +21,9 @@ def load_with_defaults(urdf: str | os.PathLike, description: Xrdf, source: str) 
     **Raises** `ConfigurationError`, by key and line, for a default beyond the limits; `UnknownNameError` for a joint of
     `cspace` that is not there.
     """
-    robot = load_robot(urdf)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", FileWarning)  # said below, of the joints that are not locked
+        robot = load_robot(urdf)
     moving, names = description.joint_names.texts(), robot.joint_names
     for name in moving:
         if name not in names:

@@ -1,10 +1,25 @@
 """The part of a file that is the robot: one branch, and none of the objects that lie beside it."""
 
+import fnmatch
 import warnings
 from collections.abc import Collection, Iterator
 from typing import Any
 
-from .._errors import FileWarning, UnknownNameError
+from .._errors import FileWarning, RobotError, UnknownNameError
+
+
+def name_bodies(spec: Any, source: str) -> None:
+    """Name the bodies that have no name by their place in the whole file, so that it is the same in every branch.
+
+    **Raises** `RobotError` if such a name is taken.
+    """
+    bodies = list(_below(spec.worldbody))
+    taken = {body.name for body in bodies}
+    for i, body in enumerate(bodies):
+        if not body.name:
+            if f"body_{i}" in taken:
+                raise RobotError(f"{source}: one body is called 'body_{i}', and one without a name would be. Name it.")
+            body.name = f"body_{i}"
 
 
 def keep_branch(mujoco: Any, spec: Any, root: str | None, fixed: Collection[str], source: str) -> set[str]:
@@ -25,7 +40,8 @@ def keep_branch(mujoco: Any, spec: Any, root: str | None, fixed: Collection[str]
     names = {b.name for b in chain}
     for above in chain:
         for joint in list(above.joints):
-            if joint.type == mujoco.mjtJoint.mjJNT_FREE or (above.name != root and joint.name not in fixed):
+            kept = above.name == root or joint.name in fixed or any(fnmatch.fnmatch(joint.name, p) for p in fixed)
+            if joint.type == mujoco.mjtJoint.mjJNT_FREE or not kept:
                 gone.add(joint.name)
                 spec.delete(joint)
         if above.name != root:

@@ -1,9 +1,10 @@
 """Which joints have a coordinate of their own: mimic joints follow a leader, locked joints stand still."""
 
 import fnmatch
-import math
 from collections.abc import Collection, Mapping
 from typing import Any
+
+import numpy as np
 
 from .._errors import RobotError, UnknownNameError
 from ._robot import Joint
@@ -29,9 +30,9 @@ def resolve_couplings(
     for name, value in _by_name(fixed, index, leaders).items():
         i = index[name]
         low, high = ranges[i]
-        value = min(max(0.0, low), high) if value is None else float(value)
-        if not math.isfinite(value):
-            raise RobotError(f"{source}: fixed[{name!r}] is {value}, expected a finite number.")
+        value = min(max(0.0, low), high) if value is None else value
+        if np.ndim(value) or not np.issubdtype(np.asarray(value).dtype, np.number) or not np.isfinite(value):
+            raise RobotError(f"{source}: fixed[{name!r}] is {value!r}, expected a finite number.")
         if not low - 1e-9 <= value <= high + 1e-9:
             raise RobotError(f"{source}: fixed[{name!r}] is {value}, outside the joint's range [{low}, {high}].")
         root, multiplier, offset = roots[i]

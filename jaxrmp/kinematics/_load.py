@@ -11,7 +11,7 @@ import numpy as np
 from .._errors import RobotError, UnsafeFileWarning
 from .._rotations import rotation_of_quaternion
 from ._arranged import mounted, with_tool
-from ._branch import keep_branch
+from ._branch import keep_branch, name_bodies
 from ._couplings import resolve_couplings
 from ._mujoco import compile_spec, import_mujoco, parse_mjcf, parse_urdf, set_any_inertia
 from ._packages import require_folders
@@ -95,6 +95,7 @@ def _robot_of(text, source, fixed, name, root=None, path=None, packages=()) -> R
     else:
         spec = parse_mjcf(text, source, path)
         _warn_of_ranges(mujoco, spec, source)
+    name_bodies(spec, source)
     gone = keep_branch(mujoco, spec, root, fixed or {}, source)
     if urdf is not None:
         urdf = urdf._replace(joints={name: joint for name, joint in urdf.joints.items() if name not in gone})
@@ -103,7 +104,7 @@ def _robot_of(text, source, fixed, name, root=None, path=None, packages=()) -> R
     _require_numbers(m, source)
     bodies = tuple(
         Body(
-            m.body(i).name or f"body_{i}",
+            m.body(i).name,
             int(m.body_parentid[i]) if i else -1,
             _numbers(m.body_pos[i]),
             _numbers(rotation_of_quaternion(m.body_quat[i])),
@@ -111,8 +112,7 @@ def _robot_of(text, source, fixed, name, root=None, path=None, packages=()) -> R
         for i in range(m.nbody)
     )
     joints = [_joint(mujoco, m, i, bodies, source) for i in range(m.njnt)]
-    _require_unique("body", bodies, source)
-    _require_unique("joint", joints, source)
+    _require_unique(joints, source)
     ranges = _ranges(m, joints, urdf, source)
     joints, joint_names, lower, upper = resolve_couplings(joints, m, ranges, fixed or {}, source)
     file = None if path is None else str(path.resolve())
@@ -216,12 +216,12 @@ def _require_numbers(m, source: str) -> None:
             raise RobotError(f"{source}: the place or axis of {kind} {name!r} is not finite: {numbers[i].tolist()}.")
 
 
-def _require_unique(kind: str, parts, source: str) -> None:
-    """What has no name in the file is given one, which may be there."""
-    names = [part.name for part in parts]
+def _require_unique(joints: list[Joint], source: str) -> None:
+    """A joint that has no name in the file is given one, which may be there."""
+    names = [joint.name for joint in joints]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
-        raise RobotError(f"{source}: one {kind} is called {twice[0]!r}, and one without a name would be. Name it.")
+        raise RobotError(f"{source}: one joint is called {twice[0]!r}, and one without a name would be. Name it.")
 
 
 def _warn_of_followers(joints: list[Joint], ranges, limits: np.ndarray, source: str) -> None:

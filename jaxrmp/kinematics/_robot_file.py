@@ -22,16 +22,20 @@ def read_robot_file(path: str | os.PathLike) -> dict[str, Any]:
     **Raises** `RobotError` for a file that is not so.
     """
     try:
-        content = tomllib.loads(Path(path).read_text())
+        content = tomllib.loads(Path(path).read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise RobotError(f"{path} cannot be read as TOML: {error}") from error
     for key in content:
         UnknownNameError.check(f"key in {path}", key, _KEYS)
-    for key, kind in (("file", str), ("fixed", dict), ("tools", dict), ("packages", dict)):
-        if not isinstance(content.get(key, kind()), kind) or (key == "file" and not content.get("file")):
-            raise RobotError(
-                f"{path}: {key} is {content.get(key)!r}, expected {'a path' if kind is str else 'a table'}."
-            )
+    for key in _KEYS:
+        kind, what = (str, "a string") if key in ("file", "name", "root") else (dict, "a table")
+        if key != "mount" and not isinstance(content.get(key, kind()), kind):
+            raise RobotError(f"{path}: {key} is {content[key]!r}, expected {what}.")
+    if not content.get("file") or Path(content["file"]).suffix == ".toml":
+        raise RobotError(f"{path}: file is {content.get('file')!r}, expected the path of an MJCF or URDF file.")
+    for name, place in content.get("packages", {}).items():
+        if not isinstance(place, str):
+            raise RobotError(f"{path}: packages.{name} is {place!r}, expected a folder.")
     folder = Path(path).parent
     found = {key: content[key] for key in ("name", "root", "fixed") if key in content}
     found["path"] = folder / content["file"]

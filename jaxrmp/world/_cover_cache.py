@@ -3,12 +3,12 @@
 import hashlib
 import logging
 import os
-import tempfile
-import zipfile
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+from .._files import atomic_write, read_npz
 
 logger = logging.getLogger(__name__)
 
@@ -35,18 +35,15 @@ def cover_file(m: Any, *settings: Any) -> Path:
 def read_cover(file: Path) -> dict[str, np.ndarray] | None:
     """What `write_cover` wrote, None if there is nothing that can be read."""
     try:
-        with np.load(file) as found:
-            return dict(found)
-    except (OSError, ValueError, zipfile.BadZipFile):
+        return read_npz(file)
+    except (OSError, ValueError):
         return None
 
 
 def write_cover(file: Path, **arrays: Any) -> None:
     """Keep arrays, at once or not at all; where nothing can be written, covers are found anew each time."""
     try:
-        file.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-        with tempfile.NamedTemporaryFile(dir=file.parent, suffix=".npz", delete=False) as made:
+        with atomic_write(file) as made:
             np.savez(made, **arrays)
-        os.replace(made.name, file)
     except OSError as error:
         logger.info("the cover is not kept in %s: %s", file, error)

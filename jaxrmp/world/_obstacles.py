@@ -141,7 +141,7 @@ class PaddedObstacles(Obstacles):
                 if name in sizes:
                     good = good & (total(abs(field) - field) <= 0)
         ignored = xp.sum(self.active & ~good)
-        if xp is np and not ignored:
+        if xp is np and good.all():  # inactive rows, too: what is masked still has gradients, which NaN would spoil
             return self, ignored
         clean = {
             name: xp.where(good.reshape(-1, *(1,) * (field.ndim - 1)), field, xp.asarray(blank, field.dtype))

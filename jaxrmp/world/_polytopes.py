@@ -11,6 +11,7 @@ _FACETS = 250  # a hull of more is simplified, for speed
 _CORNERS, _DIRECTIONS = 24, 400  # of the prism about a cylinder; of the polytope about an ellipsoid
 _POINTS = 400  # of a hull of more, these are taken that are farthest along as many directions
 _THICK = 1e-5  # m: flatter hulls are taken as this thick on each side
+_TOO_FLAT = "a solid is too flat or too small to be covered with spheres: give a thicker one."
 
 
 class Polytope(NamedTuple):
@@ -149,7 +150,7 @@ def corners_of(normals: np.ndarray, offsets: np.ndarray, inside: np.ndarray) -> 
             continue
         if np.isfinite(corners).all():
             return corners
-    raise ConfigurationError("a solid is too flat or too small to be covered with spheres: give a thicker one.")
+    raise ConfigurationError(_TOO_FLAT)
 
 
 def inner_ball(normals: np.ndarray, offsets: np.ndarray) -> tuple[np.ndarray, float]:
@@ -157,4 +158,6 @@ def inner_ball(normals: np.ndarray, offsets: np.ndarray) -> tuple[np.ndarray, fl
     from scipy.optimize import linprog
 
     found = linprog([0, 0, 0, -1], np.c_[normals, np.ones(len(normals))], offsets, bounds=[(None, None)] * 4)
-    return (found.x[:3], float(found.x[3])) if found.status == 0 else (np.zeros(3), -1.0)
+    if found.status != 0:  # never for what is bounded, but by rounding: a cell must not be taken for empty then
+        raise ConfigurationError(_TOO_FLAT)
+    return found.x[:3], float(found.x[3])

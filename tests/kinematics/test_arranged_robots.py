@@ -7,7 +7,7 @@ import pytest
 import jaxrmp
 from jaxrmp.kinematics import forward_kinematics, load_robot, load_robot_from_string
 from jaxrmp.policies import reaching_policy
-from jaxrmp.world import World
+from jaxrmp.world import World, own_spheres
 
 ARM = """<body name="{0}_base" pos="{1} 0 0"><body name="{0}_upper" pos="0 0 .3">
 <joint name="{0}_pan" axis="0 0 1" range="-2 2"/><geom size=".05"/><body name="{0}_hand" pos=".4 0 0">
@@ -98,6 +98,10 @@ def test_a_robot_file_says_where_it_stands_and_what_it_holds(file):
         ('file = "absent.xml"', "absent.xml"),
         ('file = "both.xml"\nfix = 1', "fixed"),
         ("file = ", "TOML"),
+        ('file = "robot.toml"', "expected the path of an MJCF or URDF file"),
+        ('file = "both.xml"\nroot = 5', "root is 5, expected a string"),
+        ('file = "both.xml"\npackages = {a = 5}', "packages.a is 5, expected a folder"),
+        ('file = "both.xml"\nfixed = {a_pan = "left"}', "fixed.'a_pan'. is 'left', expected a finite number"),
     ],
 )
 @pytest.mark.filterwarnings("ignore::jaxrmp.FileWarning")
@@ -112,3 +116,26 @@ def test_robot_files_that_are_wrong(text, named, file):
 def test_poses_that_are_none(pose, file):
     with pytest.raises(jaxrmp.RigidTransformError):
         load_robot(file, root="a_base", mount=pose)
+
+
+def test_a_pattern_locks_joints_above_the_root_too(file):
+    one, other = (load_robot(file, root="b_base", fixed={lift: 0.3}) for lift in ("lift", "li*"))
+    assert one.joint_names == other.joint_names
+    heights = [np.asarray(forward_kinematics(r, np.zeros(r.num_joints), "b_base"))[2, 3] for r in (one, other)]
+    np.testing.assert_allclose(heights, 0.8, rtol=1e-6)
+
+
+def test_links_without_names_keep_their_own_spheres_and_their_side(tmp_path):
+    ball = '<body><freejoint/><geom size=".5"/></body>'
+    hinge = '<joint axis="0 0 1" range="-1 1"/>'
+    arm = f'<body>{hinge}<geom size=".3"/><body pos="1 0 0">{hinge}<geom size=".1"/></body></body>'
+    path = tmp_path / "robot.xml"
+    path.write_text(f"<mujoco><worldbody>{ball}{arm}</worldbody></mujoco>")
+    with pytest.warns(jaxrmp.FileWarning, match="'body_1'.* lie free beside"):
+        robot = load_robot(path)
+    spheres = own_spheres(robot)
+    assert dict(zip(spheres.frames, spheres.radii.tolist(), strict=True)) == {"body_2": 0.3, "body_3": 0.1}
+    two = f'<mujoco><worldbody><body>{arm}<body name="right">{hinge}</body></body></worldbody></mujoco>'
+    assert load_robot_from_string(two, root="right").num_joints == 1
+    with pytest.raises(jaxrmp.RobotError, match="one body is called 'body_2', and one without a name would be"):
+        load_robot_from_string(two.replace('"right"', '"body_2"'))

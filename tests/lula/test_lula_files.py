@@ -206,6 +206,12 @@ def test_defaults_are_rounded_to_limits_and_missing_ones_named(load):
         load()
 
 
+def test_what_the_urdf_lacks_is_said_once(load):
+    with pytest.warns(UnsafeFileWarning, match="velocity limit that is absent") as caught:
+        load("urdf", ' velocity="', ' speed="')
+    assert sum("velocity limit that is absent" in str(warning.message) for warning in caught) == 1
+
+
 def test_what_no_policy_acts_on_is_said(load):
     with pytest.warns(FileWarning, match=r"acts on cspace\.acceleration_limits, cspace\.jerk_limits, self_collision"):
         load("xrdf", "geometry:\n", "self_collision: {geometry: all, ignore: {lower: [finger]}}\ngeometry:\n")

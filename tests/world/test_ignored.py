@@ -130,6 +130,17 @@ def test_holes_in_a_grid_are_far_away_without_slope():
     assert lost(np.full((4, 4), np.nan)) == FAR
 
 
+@pytest.mark.parametrize("name", KINDS)
+def test_padding_that_is_not_finite_leaves_gradients_finite(name):
+    kind = KINDS[name]
+    padded = {f.name: np.array(getattr(kind, f.name), float) for f in fields(kind) if f.name != "active"}
+    for row in padded.values():
+        row[1] = np.nan
+    world = World(**{name: type(kind)(**padded, active=np.array([True, False, True]))})
+    assert world.ignored == 0
+    assert np.isfinite(jax.grad(lambda p: world.signed_distance(p).sum())(jnp.ones(3))).all()
+
+
 @pytest.mark.parametrize("index", [4, -1, np.int64(4), np.int8(-1), np.uint8(200), np.array(4), jnp.array(7)], ids=repr)
 def test_an_index_beyond_the_slots_is_refused_whatever_its_type(index):
     spheres = Spheres.of([((0.5, 0, 0.4), 0.1)], capacity=4)
