@@ -18,6 +18,7 @@ from ..world import RobotSpheres, own_self_pairs, own_spheres
 from ._output import write_json
 from ._sources import find_demonstrations
 
+_LONG = 0.05  # m, from which on a link without geometry is worth a word
 _RANK = {"error": 0, "unsafe": 1, "note": 2}
 
 
@@ -120,8 +121,19 @@ def _robot(robot: Robot, found: _Findings, spheres: RobotSpheres | None = None) 
     moved = [robot.model.bodies[j.body].name for j in robot.model.joints if j.coordinate >= 0]
     found.read["spheres"] = {"number": covered.size, "stick out by, m": float(covered.coverage_error)}
     found.read["links without spheres"] = [name for name in dict.fromkeys(moved) if name not in covered.frames]
+    bare = found.read["links without spheres"]
+    if long := [name for name in bare if _length(robot, name) > _LONG]:
+        found.add("unsafe", f"links {', '.join(long)} have length and no geometry: nothing keeps them off obstacles.")
     if spheres is None:
         found.read["pairs of spheres that keep apart"] = len(own_self_pairs(robot, covered))
+
+
+def _length(robot: Robot, link: str) -> float:
+    """How far from a link's own origin anything hangs on it, m."""
+    at = robot.frame_index(link)
+    hung = [body.position for body in robot.model.bodies if body.parent == at]
+    hung += [frame.position for frame in robot.model.frames if frame.body == at]
+    return max((float(np.linalg.norm(position)) for position in hung), default=0.0)
 
 
 def _configuration(arguments: argparse.Namespace, found: _Findings) -> None:

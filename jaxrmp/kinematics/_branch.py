@@ -27,7 +27,8 @@ def keep_branch(mujoco: Any, spec: Any, root: str | None, fixed: Collection[str]
 
     With `root`, the body that the robot begins with, all that is not above or below it goes; joints above it, unless
     `fixed` has them, stay where the file's reference posture has them. So does a free joint of the root. Without, an
-    object goes that one free joint moves and no other. **Raises** `UnknownNameError`.
+    object goes that one free joint moves and no other. **Raises** `UnknownNameError`, and `RobotError` for a joint that
+    stays, is not in `fixed`, and follows one that goes.
     """
     if root is None:
         return _without_objects(mujoco, spec, source)
@@ -40,7 +41,7 @@ def keep_branch(mujoco: Any, spec: Any, root: str | None, fixed: Collection[str]
     names = {b.name for b in chain}
     for above in chain:
         for joint in list(above.joints):
-            kept = above.name == root or joint.name in fixed or any(fnmatch.fnmatch(joint.name, p) for p in fixed)
+            kept = above.name == root or _locked(joint.name, fixed)
             if joint.type == mujoco.mjtJoint.mjJNT_FREE or not kept:
                 gone.add(joint.name)
                 spec.delete(joint)
@@ -48,7 +49,7 @@ def keep_branch(mujoco: Any, spec: Any, root: str | None, fixed: Collection[str]
             for other in [b for b in above.bodies if b.name not in names]:
                 gone |= {joint.name for b in _below(other) for joint in b.joints}
                 spec.delete(other)
-    _without_couplings(mujoco, spec, gone)
+    _without_couplings(mujoco, spec, gone, fixed, source)
     return gone
 
 
@@ -65,7 +66,7 @@ def _without_objects(mujoco: Any, spec: Any, source: str) -> set[str]:
     gone = {joint.name for body in objects for joint in body.joints}
     for body in objects:
         spec.delete(body)
-    _without_couplings(mujoco, spec, gone)
+    _without_couplings(mujoco, spec, gone, (), source)
     warnings.warn(
         f"{source}: {names} lie free beside the robot and are no part of it. What it is to avoid goes into its World.",
         FileWarning,
@@ -74,13 +75,22 @@ def _without_objects(mujoco: Any, spec: Any, source: str) -> set[str]:
     return gone
 
 
-def _without_couplings(mujoco: Any, spec: Any, gone: set[str]) -> None:
+def _without_couplings(mujoco: Any, spec: Any, gone: set[str], fixed: Collection[str], source: str) -> None:
     bodies = {body.name for body in spec.bodies}
     for equality in list(spec.equalities):
         joints = equality.type == mujoco.mjtEq.mjEQ_JOINT
+        if joints and equality.name2 in gone and equality.name1 not in gone and not _locked(equality.name1, fixed):
+            raise RobotError(
+                f"{source}: joint {equality.name1!r} follows {equality.name2!r}, which is no part of what begins with "
+                f"the root. Lock it: fixed={{{equality.name1!r}: ...}}, or choose a root above both."
+            )
         named = {name for name in (equality.name1, equality.name2) if name}
         if (joints and named & gone) or (equality.objtype == mujoco.mjtObj.mjOBJ_BODY and named - bodies):
             spec.delete(equality)
+
+
+def _locked(name: str, fixed: Collection[str]) -> bool:
+    return name in fixed or any(fnmatch.fnmatch(name, pattern) for pattern in fixed)
 
 
 def _below(body: Any) -> Iterator[Any]:

@@ -98,7 +98,7 @@ def _robot_of(text, source, fixed, name, root=None, path=None, packages=()) -> R
     name_bodies(spec, source)
     gone = keep_branch(mujoco, spec, root, fixed or {}, source)
     if urdf is not None:
-        urdf = urdf._replace(joints={name: joint for name, joint in urdf.joints.items() if name not in gone})
+        urdf = urdf.without(gone)
     loops = _strip(mujoco, spec)
     m = compile_spec(spec, source)
     _require_numbers(m, source)

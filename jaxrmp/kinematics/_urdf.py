@@ -4,7 +4,7 @@ import math
 import warnings
 import xml.etree.ElementTree as ElementTree
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from typing import NamedTuple
 
 from .._errors import FileWarning, RobotError, UnsafeFileWarning
@@ -29,6 +29,13 @@ class Urdf(NamedTuple):
     root: ElementTree.Element
     joints: dict[str, UrdfJoint]
     idle: list[str]
+
+    def without(self, gone: Collection[str]) -> "Urdf":
+        """The same without the joints `gone`, whose followers follow nobody."""
+        stay = {name: joint for name, joint in self.joints.items() if name not in gone}
+        return self._replace(
+            joints={name: j._replace(leader=None) if j.leader in gone else j for name, j in stay.items()}
+        )
 
 
 def read_urdf(text: str, source: str) -> Urdf:

@@ -45,14 +45,23 @@ def test_a_sound_robot(check):
     [
         (('lower="-1" upper="2"', 'lower="2" upper="-1"'), "pan"),
         (('<box size="0.1 0.1 0.3"/>', '<mesh filename="absent.stl"/>'), "absent.stl"),
-        (('<box size="0.1 0.1 0.3"/>', "<plane/>"), "no sphere"),
+        ((' velocity="1.5"', ""), "pan"),
+        (('<collision><geometry><box size="0.1 0.1 0.3"/></geometry></collision>', ""), "no sphere"),
     ],
 )
 def test_what_is_unsafe_of_a_robot(change, named, check):
     code, found, said = check("arm.urdf", ARM.replace(*change))
     assert code == 1 and not found["safe"]
     assert any(named in finding["what"] for finding in found["findings"] if finding["severity"] != "note")
-    assert named in said and found["read"].get("spheres") is None
+    assert named in said and ("velocity" in change[0] or found["read"].get("spheres") is None)
+
+
+def test_a_long_link_without_geometry_is_unsafe(check):
+    more = """<link name="rod"/><joint name="tilt" type="continuous"><parent link="tool0"/><child link="rod"/>
+    <limit velocity="1" effort="1"/></joint><link name="tip"/><joint name="end" type="fixed"><parent link="rod"/>
+    <child link="tip"/><origin xyz="0.3 0 0"/></joint></robot>"""
+    code, found, said = check("arm.urdf", ARM.replace("</robot>", more))
+    assert code == 1 and "rod" in said and found["read"]["links without spheres"] == ["rod"]
 
 
 def test_demonstrations_with_their_robot_and_without(check, tmp_path):

@@ -57,6 +57,23 @@ def test_one_arm_of_two_is_covered_and_reaches(file):
     assert np.isfinite(jaxrmp.acceleration(tree, np.full(2, 0.1), np.zeros(2))).all()
 
 
+def test_a_joint_whose_leader_is_left_out_must_be_locked():
+    two = """<mujoco><worldbody><body name="a"><joint name="a" axis="0 0 1"/><geom size=".1"/></body>
+    <body name="b"><joint name="b" axis="0 0 1"/><geom size=".1"/><body name="c"><joint name="c" axis="0 0 1"/>
+    <geom size=".1"/></body></body></worldbody><equality><joint joint1="c" joint2="a"/></equality></mujoco>"""
+    with pytest.raises(jaxrmp.RobotError, match="'c' follows 'a'"):
+        load_robot_from_string(two, root="b")
+    assert load_robot_from_string(two, root="b", fixed={"c": 0.1}).joint_names == ("b",)
+    links = "".join(f'<link name="{name}"/>' for name in ("base", "a", "b", "c"))
+    joint = '<joint name="{0}" type="continuous"><parent link="{1}"/><child link="{0}"/>{2}</joint>'
+    mimic = '<mimic joint="a"/>'
+    joints = joint.format("a", "base", "") + joint.format("b", "base", "") + joint.format("c", "b", mimic)
+    urdf = f'<robot name="two">{links}{joints}</robot>'
+    with pytest.raises(jaxrmp.RobotError, match="'c' follows 'a'"):
+        load_robot_from_string(urdf, root="b")
+    assert load_robot_from_string(urdf, root="b", fixed={"c": 0.1}).joint_names == ("b",)
+
+
 @pytest.mark.filterwarnings("ignore::jaxrmp.FileWarning")
 def test_joints_are_locked_by_pattern(file):
     robot = load_robot(file, fixed={"*_finger_*": None, "a_finger_1": 0.03, "[b]_pan": 0.5})
