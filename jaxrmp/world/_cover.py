@@ -31,7 +31,7 @@ _LEAST_SAMPLES, _MOST_SAMPLES, _CANDIDATES = 150, 3000, 1500
 _SHARP = 0.97  # cosine of the angle between facets, below which their edge is one
 _SEARCHED, _STEPS = 150_000, 100  # balls by samples up to which balls that can go are sought, by steps of descent
 _ROUNDS = 30  # of cutting into cells and adding corners; later ones aim lower
-_NEIGHBOURS = 40  # balls that bound a cell; more would make it no larger
+_NEIGHBOURS = 200  # balls that bound a cell at most: with fewer it would be larger, and seem to be missed
 _ROUNDING = 1e-7  # m, that spheres are larger for what the corners' arithmetic loses
 
 
@@ -53,8 +53,7 @@ def cover_polytopes(solids: Sequence[Polytope], max_error: float, most: int = MO
 
     **Raises** `TooFineError` if no cover by so many spheres is found.
     """
-    rng = np.random.default_rng(0)
-    samples, candidates = map(np.concatenate, zip(*(_samples(solid, max_error, rng) for solid in solids), strict=True))
+    samples, candidates = _all_samples(solids, max_error)
     centers = np.zeros((0, 3))
     for turn in range(_ROUNDS):
         aim = max_error * (0.98 - 0.01 * turn)
@@ -71,6 +70,22 @@ def cover_polytopes(solids: Sequence[Polytope], max_error: float, most: int = MO
             return found
         samples = np.concatenate([samples, missed])
     raise TooFineError(max_error, most)
+
+
+def rough_count(solids: Sequence[Polytope], max_error: float) -> int:
+    """About how many spheres a cover takes, from its first step; **raises** as `cover_polytopes`."""
+    samples, candidates = _all_samples(solids, max_error)
+    return len(_filled(solids, samples, np.zeros((0, 3)), candidates, max_error))
+
+
+def _all_samples(solids, max_error: float) -> tuple[np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(0)
+    samples, candidates = zip(*(_samples(solid, max_error, rng) for solid in solids), strict=True)
+    return _some(np.concatenate(samples), 2 * _MOST_SAMPLES), np.concatenate(candidates)
+
+
+def _some(rows: np.ndarray, most: int) -> np.ndarray:
+    return rows if len(rows) <= most else rows[np.linspace(0, len(rows) - 1, most).astype(int)]
 
 
 def _depth(solids: Sequence[Polytope], points: np.ndarray) -> np.ndarray:
@@ -136,15 +151,16 @@ def _filled(solids, samples, centers, candidates, aim) -> np.ndarray:
         samples = samples[_values(solids, samples, centers).min(axis=0) > aim]
     if not len(samples):
         return centers
-    if len(candidates) > _CANDIDATES:
-        candidates = candidates[np.linspace(0, len(candidates) - 1, _CANDIDATES).astype(int)]
+    candidates = _some(candidates, _CANDIDATES)
     values = _values(solids, samples, candidates)
     alone = (values > aim).all(axis=0)
-    if alone.any():  # balls near the sample itself, on the way to the candidate that nearly holds it, and inwards
-        towards = [candidates[values[:, alone].argmin(axis=0)], *(solid.corners.mean(axis=0) for solid in solids)]
-        steps = np.concatenate([target - samples[alone] for target in towards])
+    if alone.any():  # balls near some such samples, on the way to the candidate that nearly holds it, and inwards
+        rows = _some(np.flatnonzero(alone), _CANDIDATES // 2)
+        home = np.argmax([solid.depth(samples[rows]) for solid in solids], axis=0)
+        middles = np.array([solid.corners.mean(axis=0) for solid in solids])[home]
+        steps = np.concatenate([candidates[values[:, rows].argmin(axis=0)], middles]) - np.tile(samples[rows], (2, 1))
         length = np.linalg.norm(steps, axis=1).clip(1e-12)
-        points = np.tile(samples[alone], (len(towards), 1)) + steps * np.minimum(1, 0.7 * aim / length)[:, None]
+        points = np.tile(samples[rows], (2, 1)) + steps * np.minimum(1, 0.7 * aim / length)[:, None]
         points = points[_depth(solids, points) >= 0]
         candidates = np.concatenate([candidates, points])
         values = np.concatenate([values, _values(solids, samples, points)])

@@ -14,7 +14,7 @@ from .._ranges import Finite, NonNegative, require_number
 from .._rotations import rotation_of_quaternion
 from ..kinematics import PANDA_MODEL, ControlPoints, Robot
 from ..kinematics._mujoco import compile_spec, import_mujoco, read_spec
-from ._cover import MOST, TooFineError, cover_capsule, cover_polytopes
+from ._cover import MOST, TooFineError, cover_capsule, cover_polytopes, rough_count
 from ._cover_cache import cover_file, read_cover, write_cover
 from ._polytopes import Polytope, box, cylinder, ellipsoid, hull
 
@@ -224,21 +224,30 @@ def _hull_of_mesh(m, g: int, max_error: float) -> Polytope:
 
 
 def _cover_groups(m, groups, geoms, max_error: float, most: int) -> dict[str, np.ndarray]:
-    parts, left = [], most
-    for group in groups:
-        found = _cover_group(m, group, geoms, max_error, left)
-        left -= sum(len(radii) for _, _, radii, _ in found)
-        if left < 0:
+    """Covers of links rigidly joined: body of each sphere, centre in it, radius, and the error."""
+    found = [_parts(m, group, geoms, max_error) for group in groups]
+    least = sum(len(radii) for parts, _, _ in found for _, _, radii, _ in parts)
+    if most < MOST and least + sum(rough_count(solids, max_error) for _, solids, _ in found if solids) > 1.3 * most:
+        raise TooFineError(max_error, most)
+    covers = []
+    for parts, solids, homes in found:
+        covers += parts
+        if solids:
+            centers, radii, error = cover_polytopes(solids, max_error, most)
+            owner = np.array(homes)[np.argmax([solid.depth(centers) for solid in solids], axis=0)]
+            for body in sorted(set(owner.tolist())):
+                rotation, position = _pose(m, body)
+                rows = owner == body
+                covers.append((owner[rows], (centers[rows] - position) @ rotation, radii[rows], error))
+        if sum(len(radii) for _, _, radii, _ in covers) > most:
             raise TooFineError(max_error, most)
-        parts += found
-    owners, offsets, radii, errors = zip(*parts, strict=True)
+    owners, offsets, radii, errors = zip(*covers, strict=True)
     owner, offsets, radii = map(np.concatenate, (owners, offsets, radii))
     return dict(owner=owner, offsets=offsets, radii=radii, error=np.array(max(errors)))
 
 
-def _cover_group(m, group: list[int], geoms: dict[int, list[int]], max_error: float, most: int) -> list[tuple]:
-    """Covers of links rigidly joined, as bodies, centres in them, radii, error: capsules and spheres each by itself,
-    the other solids together."""
+def _parts(m, group: list[int], geoms: dict[int, list[int]], max_error: float) -> tuple[list, list, list]:
+    """Covers of a group's capsules and spheres, each by itself; its other solids, and the bodies of these."""
     kinds = import_mujoco().mjtGeom
     makers, parts, solids, homes = _solids(kinds), [], [], []
     for body in group:
@@ -251,14 +260,7 @@ def _cover_group(m, group: list[int], geoms: dict[int, list[int]], max_error: fl
             half_length = m.geom_size[g][1] if kind == kinds.mjGEOM_CAPSULE else 0.0
             centers, radii, error = cover_capsule(m.geom_size[g][0], half_length, max_error)
             parts.append((np.full(len(radii), body), position + centers @ rotation.T, radii, error))
-    if solids:
-        centers, radii, error = cover_polytopes(solids, max_error, most)
-        owner = np.array(homes)[np.argmax([solid.depth(centers) for solid in solids], axis=0)]
-        for body in sorted(set(owner.tolist())):
-            rotation, position = _pose(m, body)
-            rows = owner == body
-            parts.append((owner[rows], (centers[rows] - position) @ rotation, radii[rows], error))
-    return parts
+    return parts, solids, homes
 
 
 def _pose(m, body: int) -> tuple[np.ndarray, np.ndarray]:
