@@ -35,7 +35,7 @@ def keep_branch(mujoco: Any, spec: Any, root: str | None, fixed: Collection[str]
     body = spec.body(root)
     if body is None:
         raise UnknownNameError("body", root, [b.name for b in spec.bodies if b.name])
-    gone, chain = set(), [body]
+    gone, chain, coupled = set(), [body], _couplings(mujoco, spec)
     while chain[-1].name != "world":
         chain.append(chain[-1].parent)
     names = {b.name for b in chain}
@@ -49,7 +49,13 @@ def keep_branch(mujoco: Any, spec: Any, root: str | None, fixed: Collection[str]
             for other in [b for b in above.bodies if b.name not in names]:
                 gone |= {joint.name for b in _below(other) for joint in b.joints}
                 spec.delete(other)
-    _without_couplings(mujoco, spec, gone, fixed, source)
+    for follower, leader in coupled:
+        if leader in gone and follower not in gone and not _locked(follower, fixed):
+            raise RobotError(
+                f"{source}: joint {follower!r} follows {leader!r}, which is no part of what begins with the root. "
+                f"Lock it: fixed={{{follower!r}: ...}}, or choose a root above both."
+            )
+    _without_couplings(mujoco, spec, gone)
     return gone
 
 
@@ -66,7 +72,7 @@ def _without_objects(mujoco: Any, spec: Any, source: str) -> set[str]:
     gone = {joint.name for body in objects for joint in body.joints}
     for body in objects:
         spec.delete(body)
-    _without_couplings(mujoco, spec, gone, (), source)
+    _without_couplings(mujoco, spec, gone)
     warnings.warn(
         f"{source}: {names} lie free beside the robot and are no part of it. What it is to avoid goes into its World.",
         FileWarning,
@@ -75,15 +81,15 @@ def _without_objects(mujoco: Any, spec: Any, source: str) -> set[str]:
     return gone
 
 
-def _without_couplings(mujoco: Any, spec: Any, gone: set[str], fixed: Collection[str], source: str) -> None:
+def _couplings(mujoco: Any, spec: Any) -> list[tuple[str, str]]:
+    """Followers and leaders of the joints that follow others."""
+    return [(e.name1, e.name2) for e in spec.equalities if e.type == mujoco.mjtEq.mjEQ_JOINT and e.active]
+
+
+def _without_couplings(mujoco: Any, spec: Any, gone: set[str]) -> None:
     bodies = {body.name for body in spec.bodies}
     for equality in list(spec.equalities):
         joints = equality.type == mujoco.mjtEq.mjEQ_JOINT
-        if joints and equality.name2 in gone and equality.name1 not in gone and not _locked(equality.name1, fixed):
-            raise RobotError(
-                f"{source}: joint {equality.name1!r} follows {equality.name2!r}, which is no part of what begins with "
-                f"the root. Lock it: fixed={{{equality.name1!r}: ...}}, or choose a root above both."
-            )
         named = {name for name in (equality.name1, equality.name2) if name}
         if (joints and named & gone) or (equality.objtype == mujoco.mjtObj.mjOBJ_BODY and named - bodies):
             spec.delete(equality)

@@ -1,4 +1,4 @@
-"""Pairs of a robot's spheres that touch in every configuration."""
+"""Pairs of a robot's spheres that touch in most configurations, which is no collision but how links are covered."""
 
 import numpy as np
 
@@ -8,20 +8,18 @@ from ._robot_spheres import RobotSpheres
 _CONFIGURATIONS = 200
 
 
-def without_always_touching(robot: Robot, spheres: RobotSpheres, pairs) -> tuple[tuple[int, int], ...]:
-    """The `pairs` of which the spheres are apart in at least one of many configurations within the joints' limits."""
+def without_mostly_touching(robot: Robot, spheres: RobotSpheres, pairs) -> tuple[tuple[int, int], ...]:
+    """The `pairs` of which the spheres are apart in at least half of many configurations within the joints' limits."""
     if not pairs:
         return ()
     first, second = np.array(pairs).T
     sums = np.asarray(spheres.radii)[first] + np.asarray(spheres.radii)[second]
-    touching = np.ones(len(pairs), bool)
-    for q in _configurations(robot):
-        if not touching.any():
-            break
+    touching, configurations = np.zeros(len(pairs), int), _configurations(robot)
+    for q in configurations:
         centers = _centers(robot, spheres, q)
-        gap = np.linalg.norm(centers[first[touching]] - centers[second[touching]], axis=1) - sums[touching]
-        touching[touching] = gap < 0
-    return tuple(pair for pair, touch in zip(pairs, touching, strict=True) if not touch)
+        touching += np.linalg.norm(centers[first] - centers[second], axis=1) < sums
+    apart = 2 * touching < len(configurations)
+    return tuple(pair for pair, keep in zip(pairs, apart, strict=True) if keep)
 
 
 def _configurations(robot: Robot) -> np.ndarray:
