@@ -75,7 +75,7 @@ class RobotSpheres:
         return self.rows(rows)
 
     def rows(self, rows: Sequence[int]) -> "RobotSpheres":
-        """The spheres of these indices, perhaps none."""
+        """The spheres of the indices `rows`, perhaps none."""
         rows = list(rows)
         frames = tuple(self.frames[i] for i in rows)
         return RobotSpheres(frames, self.offsets[rows], self.radii[rows], self.coverage_error)
