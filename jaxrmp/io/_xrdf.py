@@ -19,9 +19,10 @@ _INACTIVE_IN_CSPACE = (
 
 
 class Xrdf(NamedTuple):
-    """What a robot description says: joints, their default positions, frames, spheres, and changes of the frames.
+    """What a robot description says, as settings that know their line in the file.
 
-    `lines` tells where a frame was named, for errors.
+    `joint_names` of its cspace; `default_joint_positions` by joint, rad or m; `tool_frames`; `world_spheres`, for
+    obstacles; `modifiers`, frames that it adds and the base that it sets; `lines`, where each frame was named.
     """
 
     joint_names: Setting
@@ -33,7 +34,7 @@ class Xrdf(NamedTuple):
 
 
 def read_xrdf(path: str | os.PathLike) -> Xrdf:
-    """Read an XRDF file of format version 1 or 2.
+    """Read the XRDF file at `path`, of format version 1 or 2.
 
     A radius below zero is a sphere where its frame's buffer makes it positive, and none otherwise. Of a key given
     twice the last counts. Warns with `FileWarning` of that, of spheres that are off and of keys that nothing acts on;
