@@ -205,8 +205,12 @@ def pullback(task_map: Callable[[jax.Array], jax.Array], node: Node) -> Pullback
     >>> keep_off(jnp.zeros(2), jnp.array([1.0, 0.0])).M.shape
     (2, 2)
 
+    **Raises** `TypeError` for a policy in the map's place.
+
     Rana et al. 2019, equation 9.
     """
+    if isinstance(task_map, Node):
+        raise TypeError(f"pullback(task_map, node): {type(task_map).__name__} is a policy, not a map. Swap the two?")
     return Pullback(task_map, node)
 
 

@@ -106,7 +106,7 @@ def _robot(robot: Robot, found: _Findings, spheres: RobotSpheres | None = None) 
             for name, (a, b, v) in zip(robot.joint_names, limits, strict=True)
         ],
         "following or locked joints": [name for name in joints if name not in robot.joint_names],
-        "frames": len(robot.frame_names),
+        "frames": list(robot.frame_names),
         "hand": hand_frame(robot),
         "spheres": None,
         "links without spheres": None,

@@ -68,7 +68,7 @@ def _by_name(fixed: Mapping[str, Any], joints: Collection[str], leaders: list[st
         if pattern not in joints and any(c in pattern for c in "*?["):
             names = fnmatch.filter(leaders, pattern)
             if not names:
-                raise UnknownNameError("joint that a pattern of fixed matches", pattern, leaders)
+                raise UnknownNameError("pattern of joints in fixed", pattern, leaders, "It matches none of these.")
             found |= {name: value for name in names if name not in fixed}
         else:
             UnknownNameError.check("joint", pattern, joints)

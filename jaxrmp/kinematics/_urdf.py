@@ -14,12 +14,13 @@ _MOVING = ("revolute", "continuous", "prismatic")
 
 class UrdfJoint(NamedTuple):
     """A joint that moves: `lower`, `upper`, rad or m, infinite for a continuous one; `velocity`, rad/s or m/s, None
-    where the file gives none; `leader`, whom it mimics, or None."""
+    where the file gives none; `leader`, whom it mimics, or None; `half`, whether one bound alone is written."""
 
     lower: float
     upper: float
     velocity: float | None
     leader: str | None
+    half: bool = False
 
 
 class Urdf(NamedTuple):
@@ -96,6 +97,11 @@ def warn_of(urdf: Urdf, names: Iterable[str], source: str) -> None:
             still,
             "cannot move: their limits are equal (in URDF an absent lower or upper limit is 0). Write the limits into "
             "the file, or make the joints fixed.",
+        ),
+        (
+            FileWarning,
+            [name for name, j in joints.items() if j.half and j.lower < j.upper],
+            "have one limit alone written, and the other is 0, as URDF has it. Write both, if that is not meant.",
         ),
         (UnsafeFileWarning, one_sided, "have a limit on one side alone: policies hold joints with two limits."),
         (
@@ -174,13 +180,16 @@ def _joint(joint: ElementTree.Element, mimic: ElementTree.Element | None, source
         )
     # A continuous joint without a limit says nothing of its velocity, as it may: it has no limit at all.
     velocity: float | None = math.inf
-    lower, upper = -math.inf, math.inf
+    lower, upper, half = -math.inf, math.inf, False
     if limit is not None:
         velocity = _number(limit, "velocity", name, source, "velocity limit")
         velocity = velocity if velocity > 0.0 else None
         if kind != "continuous":
             lower, upper = (_number(limit, end, name, source, f"{end} limit") for end in ("lower", "upper"))
-            if not lower <= upper or lower == math.inf or upper == -math.inf:  # one that is not a number, too
+            half = (limit.get("lower") is None) != (limit.get("upper") is None)
+            if math.isnan(lower) or math.isnan(upper):
+                raise RobotError(f"{source}: a limit of joint {name!r} is not a number: {lower:g} to {upper:g}.")
+            if not lower <= upper or lower == math.inf or upper == -math.inf:
                 raise RobotError(
                     f"{source}: joint {name!r} has a lower limit of {lower:g} and an upper one of {upper:g}. Swap them?"
                 )
@@ -192,7 +201,7 @@ def _joint(joint: ElementTree.Element, mimic: ElementTree.Element | None, source
         for entry in ("multiplier", "offset"):
             if not math.isfinite(_number(mimic, entry, name, source, f"mimic {entry}")):
                 raise RobotError(f"{source}: joint {name!r} has the mimic {entry} {mimic.get(entry)!r}.")
-    return UrdfJoint(lower, upper, velocity, None if mimic is None else mimic.get("joint", ""))
+    return UrdfJoint(lower, upper, velocity, None if mimic is None else mimic.get("joint", ""), half)
 
 
 def _number(element: ElementTree.Element, key: str, joint: str, source: str, what: str) -> float:

@@ -6,7 +6,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from .._errors import NoGeometryError, UnsafeFileWarning
+from .._errors import NoGeometryError, ShapeError, UnsafeFileWarning
 from .._pytree import pytree, single
 from .._tree import Leaf, Node
 from ..kinematics import Robot
@@ -33,7 +33,12 @@ class ArmPolicy:
     avoidance: Leaf = AVOIDANCE
 
     def tree(self, T_world_target: jax.Array, world: World) -> Node:
-        """The policy with the target at `T_world_target` [4, 4] and the obstacles of `world`, which may have none."""
+        """The policy with the target at `T_world_target` [4, 4] and the obstacles of `world`, which may have none.
+
+        **Raises** `ShapeError` for a target that is no [4, 4].
+        """
+        if np.shape(T_world_target) != (4, 4):
+            raise ShapeError(f"T_world_target has shape {np.shape(T_world_target)}, expected (4, 4): a pose.")
         tasks = sum((task.tree(self.robot, T_world_target) for task in self.tasks), NOTHING)
         return tasks + self.always + avoidance(self.robot, self.spheres, world, self.avoidance)
 

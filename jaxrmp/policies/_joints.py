@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from .._errors import ShapeError
 from .._tree import Leaf, Node, Sum, on_coordinates
 from ..kinematics import Robot
 from ..leaves import Damping, JointLimit, JointVelocityLimit, Posture
@@ -43,9 +44,11 @@ def posture(robot: Robot, rest: Any = None, **gains: Any) -> Node:
     """Draws a `robot` to `rest` [n], rad or m, by default its `middle`, weakly: it decides where no task does.
 
     **Arguments**: `gains` of `Posture`, by default `weight=0.02`, `stiffness=0.5`, 1/s^2, and `damping_rate=3.0`, 1/s,
-    for a hand that follows a goal dragged on a page. **Raises** as `joint_limits`.
+    for a hand that follows a goal dragged on a page. **Raises** as `joint_limits`, `ShapeError` for another `rest`.
     """
     rest = robot.middle if rest is None else np.asarray(rest, float)
+    if rest.shape != (robot.num_joints,):
+        raise ShapeError(f"rest has shape {rest.shape}, expected ({robot.num_joints},): a position of each joint.")
     return Posture(rest, **{"weight": 0.02, "stiffness": 0.5, "damping_rate": 3.0, **gains})
 
 

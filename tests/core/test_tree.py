@@ -356,3 +356,8 @@ def test_a_tree_is_mapped_leaf_by_leaf_and_map_by_map(random_map, random_gds):
     )
     np.testing.assert_allclose(moved(x, xd).f, Attractor(2 * jnp.ones(4))(x + 1, xd).f, rtol=1e-12)
     assert jax.tree.structure(map_tree(tree)) == jax.tree.structure(tree)
+
+
+def test_a_map_and_a_policy_that_are_swapped_are_told():
+    with pytest.raises(TypeError, match="Swap"):
+        pullback(Damping(), Affine(jnp.eye(2), jnp.zeros(2)))

@@ -60,7 +60,7 @@ def test_a_locked_joint_is_held_to_the_files_own_limits():
     ("text", "message"),
     [
         (two(limit('lower="1" upper="-1"')), "joint 'lift' has a lower limit of 1 and an upper one of -1"),
-        (two(limit('lower="nan" upper="1"')), "joint 'lift' has a lower limit of nan"),
+        (two(limit('lower="nan" upper="1"')), "a limit of joint 'lift' is not a number"),
         (two(limit('upper="-1"')), "joint 'lift' has a lower limit of 0 and an upper one of -1"),
         (two(limit('lower="-1,5" upper="1"')), "joint 'lift' has lower limit '-1,5', expected a number"),
         (two(), "the revolute joint 'lift' has no limit"),
@@ -156,3 +156,10 @@ def test_a_joint_without_a_name_takes_nobody_elses():
     text = '<mujoco><worldbody><body><joint name="joint_1"/><joint axis="1 0 0"/></body></worldbody></mujoco>'
     with pytest.raises(RobotError, match="one joint is called 'joint_1'"):
         load_robot_from_string(text)
+
+
+def test_a_limit_that_is_written_on_one_side_is_told_and_one_that_is_no_number_is_an_error():
+    with pytest.warns(FileWarning, match="'lift'.*one limit alone"):
+        load_robot_from_string(two(limit('upper="1.5"')))
+    with pytest.raises(RobotError, match="'lift' is not a number"):
+        load_robot_from_string(two(limit('lower="-1" upper="nan"')))

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxrmp import RobotError, UnsafeFileWarning, certificate, policies, uncertified_leaves
+from jaxrmp import RobotError, ShapeError, UnsafeFileWarning, certificate, policies, uncertified_leaves
 from jaxrmp.kinematics import forward_kinematics, load_robot, load_robot_from_string, panda
 from jaxrmp.leaves import CollisionAvoidance, JointLimit
 from jaxrmp.policies import NOTHING
@@ -127,3 +127,10 @@ def test_an_arm_of_six_joints_reaches_a_pose_among_obstacles(arm, spheres):
     free = replace(policy, spheres=None).tree(goal, world)
     straight = jax.jit(lambda tree: rollout(tree, start, duration=3.0, dt=0.001, warn=False))(free)
     assert np.min(jax.jit(jax.vmap(lambda q: away(q).min()))(straight.q[::20])) < 0  # the obstacle was in the way
+
+
+def test_a_rest_or_a_target_of_another_shape_is_told():
+    with pytest.raises(ShapeError, match="rest"):
+        policies.posture(panda(), np.zeros(5))
+    with pytest.raises(ShapeError, match="T_world_target"):
+        policies.reaching_policy(panda(), "panda_hand_tcp").tree(np.zeros(3), World())
