@@ -7,7 +7,7 @@ from typing import Any
 from .. import __version__
 from ..scenes import SCENES
 
-EXIT_CODES = "exit codes: 0 done, 1 an error that the message explains, 2 wrong usage, 130 interrupted"
+EXIT_CODES = "exit codes: 0 done, 1 an error that is explained, 2 wrong usage, 130 interrupted"
 TASKS = ("drawer_closing", "door_reaching")
 _SCENE = f"{', '.join(SCENES)}, or your own: FILE.py or FILE.py:FUNCTION"
 _DEMOS = "a folder of demonstrations, or synthetic:TASK; default "
@@ -189,7 +189,7 @@ _COMMANDS: dict[str, tuple[str, str, str, list[tuple[str, dict[str, Any]]]]] = {
         ],
     ),
     "check": (
-        "say what is read of a file, what is left out, and what looks wrong",
+        "say what is read of a file, and what looks wrong",
         "Of a robot (MJCF, URDF), a folder of demonstrations, a configuration, a skill or an XRDF: its facts as a "
         "table, what is left out of it and why, and what looks wrong. Exit code 1 if anything of it is unsafe.",
         "robot.urdf --json check.json",

@@ -82,7 +82,7 @@ def test_throughput_of_batches(folder):
 def test_families_are_policies_of_every_size(family, make, sizes):
     for size in (sizes[0], sizes[-1]):
         tree = make(size)
-        n = size if make is throughput.degrees_of_freedom else 7
+        n = size if sizes is throughput.JOINTS else 7
         assert jax.eval_shape(acceleration, tree, jnp.zeros(n), jnp.zeros(n)).shape == (n,)
     if make is throughput.separate_leaves:
         assert len(list(tree.leaves())) == size + 2
