@@ -35,7 +35,8 @@ from jaxrmp.world import (
 GOALS, SEED = 50, 0
 DURATION, DT = 10.0, 1e-3
 NEAR, TURNED = 0.01, np.deg2rad(5)  # m, rad: what counts as reached
-CLEAR = 0.03  # m, how far rest and goal postures are from everything at least
+# m, how far postures are from obstacles, and spheres from each other, at least.
+CLEAR, APART = 0.03, 0.005
 FOLDER = Path(os.environ.get("JAXRMP_ROBOTS") or ".robots/cmeel.prefix/share/example-robot-data/robots")
 _HANDS = "*thumb* *index* *middle* *ring* *little* *mrl* *gripper* *finger* *jaw*".split()  # noqa: SIM905
 
@@ -127,7 +128,7 @@ def rest_of(rng: np.random.Generator, robot: Robot, hands: tuple[str, ...], leas
     q = postures(rng, robot, 4096)
     J = jax.jit(jax.vmap(lambda q: jax.jacfwd(ControlPoints(robot, hands))(q).reshape(-1, robot.num_joints)))(q)
     quality = np.linalg.svd(np.asarray(J), compute_uv=False)[:, -1]
-    clear = np.asarray(jax.jit(jax.vmap(least))(q)[1]) > CLEAR
+    clear = np.asarray(jax.jit(jax.vmap(least))(q)[1]) > APART
     if not clear.any():
         raise RuntimeError("no random posture is clear of the robot itself")
     return q[np.argmax(np.where(clear, quality, -1))]
@@ -150,11 +151,11 @@ def obstacles(rng: np.random.Generator, robot: Robot, spheres: RobotSpheres, res
 
 
 @partial(jax.jit, static_argnames=("hands", "turned", "steps"))
-def outcomes(robot, always, spheres, world, rest, goals, least, hands, turned, steps):
+def outcomes(robot, always, moving, world, rest, goals, least, hands, turned, steps):
     """What becomes of each of `goals` [G, H, 4, 4] from `rest`."""
 
     def one(goal):
-        tree = always + policies.avoidance(robot, spheres.moving(robot), world)
+        tree = always + policies.avoidance(robot, moving, world)
         for hand, T in zip(hands, goal, strict=True):
             leaves = {} if turned else {"orientation": None}
             tree = tree + policies.hand_at(robot, hand, T, **leaves)
@@ -203,14 +204,24 @@ def row(name: str, arm: Arm) -> dict[str, Any]:
     reach = float(np.ptp(np.asarray(places)[:, 0, :3, 3], axis=0).max() / 2)
     world = obstacles(rng, robot, spheres, rest, reach)
     least = jax.tree_util.Partial(distances(robot, spheres, pairs, world))
-    clear = np.minimum(*map(np.asarray, jax.jit(jax.vmap(least))(q))) > CLEAR
+    outer, own = map(np.asarray, jax.jit(jax.vmap(least))(q))
+    clear = (outer > CLEAR) & (own > APART)
     goals = np.asarray(places)[clear][:GOALS]
     always = policies.joint_limits(robot) + policies.velocity_limits(robot) + policies.posture(robot, rest)
     always = always + policies.damping() + policies.self_avoidance(robot, spheres, pairs)
     numbers = jax.tree.map(lambda x: jnp.asarray(x, jnp.float32), (always, rest, goals))
     begun = time.perf_counter()
     result = outcomes(
-        robot, numbers[0], spheres, world, numbers[1], numbers[2], least, hands, arm.turned, round(DURATION / DT)
+        robot,
+        numbers[0],
+        spheres.moving(robot),
+        world,
+        numbers[1],
+        numbers[2],
+        least,
+        hands,
+        arm.turned,
+        round(DURATION / DT),
     )
     result = jax.tree.map(np.asarray, result)
     reached = (result.goal < NEAR) & (result.turn < TURNED)

@@ -1,4 +1,4 @@
-"""Pairs of a robot's spheres that touch in most configurations, which is no collision but how links are covered."""
+"""Pairs of a robot's spheres that touch so often that it is no collision, but how coarsely links are covered."""
 
 import numpy as np
 
@@ -6,20 +6,27 @@ from ..kinematics import Robot
 from ._robot_spheres import RobotSpheres
 
 _CONFIGURATIONS = 200
+_MOST = 0.25  # of configurations in which two links may touch
 
 
 def without_mostly_touching(robot: Robot, spheres: RobotSpheres, pairs) -> tuple[tuple[int, int], ...]:
-    """The `pairs` of which the spheres are apart in at least half of many configurations within the joints' limits."""
+    """The `pairs` without those that touch most often, until no two links touch in more than a quarter of many
+    configurations within the joints' limits: more often than that it is their cover, not they."""
     if not pairs:
         return ()
     first, second = np.array(pairs).T
     sums = np.asarray(spheres.radii)[first] + np.asarray(spheres.radii)[second]
-    touching, configurations = np.zeros(len(pairs), int), _configurations(robot)
-    for q in configurations:
-        centers = _centers(robot, spheres, q)
-        touching += np.linalg.norm(centers[first] - centers[second], axis=1) < sums
-    apart = 2 * touching < len(configurations)
-    return tuple(pair for pair, keep in zip(pairs, apart, strict=True) if keep)
+    centers = (_centers(robot, spheres, q) for q in _configurations(robot))
+    touching = np.stack([np.linalg.norm(c[first] - c[second], axis=1) < sums for c in centers])
+    links: dict[tuple[str, str], list[int]] = {}
+    for k, (i, j) in enumerate(pairs):
+        links.setdefault((spheres.frames[i], spheres.frames[j]), []).append(k)
+    kept = np.ones(len(pairs), bool)
+    for rows in links.values():
+        often = sorted(rows, key=lambda k: touching[:, k].sum())
+        while often and touching[:, often].any(axis=1).mean() > _MOST:
+            kept[often.pop()] = False
+    return tuple(pair for pair, keep in zip(pairs, kept, strict=True) if keep)
 
 
 def _configurations(robot: Robot) -> np.ndarray:

@@ -51,14 +51,14 @@ def own_spheres(robot: Robot, hand: str | None = None) -> RobotSpheres:
 def own_self_pairs(robot: Robot, spheres: RobotSpheres) -> tuple[tuple[int, int], ...]:
     """The pairs of `spheres` that must not meet, by `self_pairs` and what the own file of `robot` excludes.
 
-    Pairs that touch in more than half of random configurations are left out: there, spheres are too coarse to tell, and
-    would push nearly always. A `FileWarning` names their links.
+    Where two links touch in more than a quarter of random configurations, spheres are too coarse to tell, and would
+    push nearly always: their pairs that touch most often are left out, and a `FileWarning` names the links.
     """
     pairs = self_pairs(robot, spheres.frames, ignored_by_model(robot) if robot.source else None)
     kept = without_mostly_touching(robot, spheres, pairs)
     if left := sorted({f"{spheres.frames[i]} - {spheres.frames[j]}" for i, j in set(pairs) - set(kept)}):
         warnings.warn(
-            f"{robot.name!r}: {len(pairs) - len(kept)} pairs of spheres on {', '.join(left)} touch in most postures, "
+            f"{robot.name!r}: {len(pairs) - len(kept)} pairs of spheres on {', '.join(left)} touch too often to tell, "
             "and are not kept apart. For a finer cover: spheres_from_model(robot, max_error).",
             FileWarning,
             stacklevel=3,
