@@ -11,7 +11,7 @@ import numpy as np
 from .._errors import RobotError, UnsafeFileWarning
 from .._rotations import rotation_of_quaternion
 from ._arranged import mounted, with_tool
-from ._branch import keep_branch, name_bodies
+from ._branch import keep_branch
 from ._couplings import resolve_couplings
 from ._mujoco import compile_spec, import_mujoco, parse_mjcf, parse_urdf, set_any_inertia
 from ._packages import require_folders
@@ -95,7 +95,6 @@ def _robot_of(text, source, fixed, name, root=None, path=None, packages=()) -> R
     else:
         spec = parse_mjcf(text, source, path)
         _warn_of_ranges(mujoco, spec, source)
-    name_bodies(spec, source)
     gone = keep_branch(mujoco, spec, root, fixed or {}, source)
     if urdf is not None:
         urdf = urdf.without(gone)

@@ -61,7 +61,7 @@ def _looks(robot: Robot) -> tuple[list[str], list[Shape], str]:
     except RobotError as error:
         shapes, why = [], str(error)
     if shapes:
-        return [model.body(b).name or f"body_{b}" for b in range(model.nbody)], shapes, ""
+        return [model.body(b).name for b in range(model.nbody)], shapes, ""
     warnings.warn(f"{robot.name!r} is drawn as a skeleton: {why}", FileWarning, stacklevel=3)
     return [body.name for body in robot.model.bodies], skeleton(robot), f"drawn as a skeleton: {why}"
 

@@ -7,7 +7,7 @@ import pytest
 import jaxrmp
 from jaxrmp.kinematics import forward_kinematics, load_robot, load_robot_from_string
 from jaxrmp.policies import reaching_policy
-from jaxrmp.world import World, own_spheres
+from jaxrmp.world import World, own_self_pairs, own_spheres
 
 ARM = """<body name="{0}_base" pos="{1} 0 0"><body name="{0}_upper" pos="0 0 .3">
 <joint name="{0}_pan" axis="0 0 1" range="-2 2"/><geom size=".05"/><body name="{0}_hand" pos=".4 0 0">
@@ -156,3 +156,11 @@ def test_links_without_names_keep_their_own_spheres_and_their_side(tmp_path):
     assert load_robot_from_string(two, root="right").num_joints == 1
     with pytest.raises(jaxrmp.RobotError, match="one body is called 'body_2', and one without a name would be"):
         load_robot_from_string(two.replace('"right"', '"body_2"'))
+
+
+def test_links_without_names_may_be_such_as_never_touch(tmp_path):
+    path = tmp_path / "robot.xml"
+    link = '<body pos=".5 0 0"><joint axis="0 1 0" range="-1 1"/><geom size=".1" contype="{}" conaffinity="0"/>'
+    path.write_text(f"<mujoco><worldbody>{''.join(map(link.format, (1, 2, 4)))}{'</body>' * 3}</worldbody></mujoco>")
+    robot = load_robot(path)
+    assert own_self_pairs(robot, own_spheres(robot)) == ()
