@@ -3,6 +3,8 @@
 import numpy as np
 
 from ..kinematics import Robot
+from ..kinematics._arranged import pose_of
+from ..kinematics._body_poses import body_poses
 from ._robot_spheres import RobotSpheres
 
 _CONFIGURATIONS = 200
@@ -16,7 +18,7 @@ def without_mostly_touching(robot: Robot, spheres: RobotSpheres, pairs) -> tuple
         return ()
     first, second = np.array(pairs).T
     sums = np.asarray(spheres.radii)[first] + np.asarray(spheres.radii)[second]
-    centers = (_centers(robot, spheres, q) for q in _configurations(robot))
+    centers = _centers(robot, spheres, _configurations(robot))
     touching = np.stack([np.linalg.norm(c[first] - c[second], axis=1) < sums for c in centers])
     links: dict[tuple[str, str], list[int]] = {}
     for k, (i, j) in enumerate(pairs):
@@ -38,28 +40,9 @@ def _configurations(robot: Robot) -> np.ndarray:
 
 
 def _centers(robot: Robot, spheres: RobotSpheres, q: np.ndarray) -> np.ndarray:
-    """The centres [K, 3] in the world, in NumPy: nothing is compiled for a few hundred configurations."""
-    model, poses = robot.model, [(np.eye(3), np.zeros(3))]
-    for b, body in enumerate(model.bodies[1:], 1):
-        R, p = poses[body.parent]
-        R, p = R @ np.reshape(body.rotation, (3, 3)), R @ np.array(body.position) + p
-        for joint in (model.joints[i] for i in model.joints_of_body[b]):
-            value = joint.offset + (joint.multiplier * q[joint.coordinate] if joint.coordinate >= 0 else 0)
-            value, axis, anchor = value - joint.reference, np.array(joint.axis), np.array(joint.anchor)
-            if joint.kind == "prismatic":
-                p = p + R @ axis * value
-            else:
-                turn = _rotation(axis, value)
-                R, p = R @ turn, p + R @ (anchor - turn @ anchor)
-        poses.append((R, p))
-    centers = []
+    """The centres [N, K, 3] in the world in configurations `q` [N, n]."""
+    poses, centers = body_poses(robot.model, q), []
     for name, offset in zip(spheres.frames, np.asarray(spheres.offsets), strict=True):
-        frame = model.frames[robot.frame_index(name)]
-        R, p = poses[frame.body]
-        centers.append(R @ (np.reshape(frame.rotation, (3, 3)) @ offset + frame.position) + p)
-    return np.array(centers)
-
-
-def _rotation(axis: np.ndarray, angle: float) -> np.ndarray:
-    K = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
-    return np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * K @ K
+        frame = robot.model.frames[robot.frame_index(name)]
+        centers.append((poses[frame.body] @ (pose_of(frame) @ [*offset, 1.0]))[:, :3])
+    return np.stack(centers, axis=1)

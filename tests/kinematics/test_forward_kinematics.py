@@ -7,6 +7,7 @@ import pytest
 
 from jaxrmp._errors import ShapeError, UnknownNameError
 from jaxrmp.kinematics import forward_kinematics, frame_poses, panda
+from jaxrmp.kinematics._body_poses import body_poses
 
 
 @pytest.mark.parametrize(("dtype", "tolerance"), [("float64", 1e-12), ("float32", 1e-6)])
@@ -31,6 +32,16 @@ def test_one_configuration_agrees_with_the_batch(oracle, random_configurations):
         alone = jax.jit(lambda q: forward_kinematics(robot, q, frame))(q)
         batch = jax.vmap(lambda q: forward_kinematics(robot, q, frame))(jnp.stack([q, 0.3 * q]))[0]
         np.testing.assert_allclose(alone, batch, atol=1e-14)
+
+
+def test_bodies_in_numpy_are_where_mujoco_has_them(oracle, random_configurations):
+    model = oracle.robot.model
+    Q = random_configurations(oracle.robot, 50)
+    poses = np.stack(body_poses(model, Q), axis=1)
+    for q, T in zip(Q, poses, strict=True):
+        oracle.set(q)
+        expected = np.stack([oracle.pose(body.name) for body in model.bodies])
+        np.testing.assert_allclose(T, expected, rtol=0, atol=1e-12)
 
 
 def test_panda_agrees_with_its_public_dh_parameters(random_configurations):
