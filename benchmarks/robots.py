@@ -21,6 +21,7 @@ import numpy as np
 
 from jaxrmp import acceleration, policies
 from jaxrmp.kinematics import ControlPoints, Robot, forward_kinematics, hand_frame, load_robot
+from jaxrmp.kinematics._hand_frame import fingers_of
 from jaxrmp.world import (
     Boxes,
     ObstacleDistances,
@@ -38,7 +39,6 @@ NEAR, TURNED = 0.01, np.deg2rad(5)  # m, rad: what counts as reached
 # m, how far postures are from obstacles, and spheres from each other, at least.
 CLEAR, APART = 0.03, 0.005
 FOLDER = Path(os.environ.get("JAXRMP_ROBOTS") or ".robots/cmeel.prefix/share/example-robot-data/robots")
-_HANDS = "*thumb* *index* *middle* *ring* *little* *mrl* *gripper* *finger* *jaw*".split()  # noqa: SIM905
 
 
 class Arm(NamedTuple):
@@ -58,7 +58,7 @@ ROBOTS = {
     "Kinova": Arm("kinova_description/robots/kinova.urdf"),
     "Z1": Arm("z1_description/urdf/z1.urdf"),
     "SO-101": Arm("so_arm_description/urdf/so101.urdf", turned=False),
-    "Tiago": Arm("tiago_description/robots/tiago.urdf", fixed=("wheel*", "head*", "suspension*", "caster*")),
+    "Tiago": Arm("tiago_description/robots/tiago.urdf", fixed=("wheel*", "head*")),
     "Tiago Dual": Arm(
         "tiago_description/robots/tiago_dual.urdf",
         ("hand_left_grasping_frame", "hand_right_grasping_frame"),
@@ -91,17 +91,11 @@ class Reached(NamedTuple):
 
 
 def loaded(arm: Arm) -> tuple[Robot, tuple[str, ...]]:
-    """The robot, its hands' and the arm's own fixed joints locked, and its hands."""
+    """The robot, its fingers and the arm's own fixed joints locked, and its hands."""
     whole = load_robot(FOLDER / arm.file)
     hands = arm.hands or (hand_frame(whole),)
-    there = [p for p in (*_HANDS, *arm.fixed) if _matches(whole, p)]
-    return load_robot(FOLDER / arm.file, fixed=dict.fromkeys(there)), hands
-
-
-def _matches(robot: Robot, pattern: str) -> bool:
-    from fnmatch import fnmatch
-
-    return any(fnmatch(name, pattern) for name in robot.joint_names)
+    fingers = {whole.model.joints[i].name for i in fingers_of(whole.model)} & set(whole.joint_names)
+    return load_robot(FOLDER / arm.file, fixed=dict.fromkeys((*fingers, *arm.fixed))), hands
 
 
 def distances(robot: Robot, spheres: RobotSpheres, pairs: Any, world: World) -> Any:

@@ -28,7 +28,7 @@ def hand_frame(robot: Robot) -> str:
     tool0, gripper or palm, else the last. Cameras, sensors and what fingers move are no hands.
     """
     model = robot.model
-    finger = _fingers(model)
+    finger = fingers_of(model)
     above = [_above(model, frame.body) for frame in model.frames]
     count = [len(set(joints) - finger) for joints in above]
     deepest = [k for k, n in enumerate(count) if n == max(count)]
@@ -46,7 +46,7 @@ def _above(model: KinematicModel, body: int) -> list[int]:
     return [i for b in model.path(body) for i in model.joints_of_body[b] if model.joints[i].coordinate >= 0]
 
 
-def _fingers(model: KinematicModel) -> set[int]:
+def fingers_of(model: KinematicModel) -> set[int]:
     """Joints that are called fingers, or that are on three branches or more, all short, at the end of an arm."""
     fingers = {i for i, joint in enumerate(model.joints) if _FINGER.search(joint.name)}
     for palm in range(1, len(model.bodies)):
