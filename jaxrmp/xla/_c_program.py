@@ -226,6 +226,8 @@ class _Program(Builder):
 
     def _told(self, name, spread, dtype) -> np.ndarray | None:
         """Entries that need no computing: of products with zeros and ones, sums with zeros, choices that are made."""
+        if all((x >= 0).all() for x in spread):
+            return None
         told = np.full(spread[0].shape, _UNTOLD)
         if name == "select_n":
             known, which = spread[0] < 0, spread[0] == self.number(np.bool_(True))
@@ -294,22 +296,22 @@ class _Program(Builder):
 
     def _by_blocks(self, A, B, dtype) -> np.ndarray:
         """A product [b, m, k] by [b, n, k], over k, in blocks of rows and columns that have their zeros in common."""
+        shape = len(A), A.shape[1], B.shape[1]
+        if math.prod(shape) * A.shape[-1] <= 4 * _SMALL:
+            return self.product(A, B, shape, dtype)
         zero = self.number(np.dtype(dtype).type(0))
         (rows, row_of), (columns, column_of) = (
             np.unique((zero != X).any(axis=0), axis=0, return_inverse=True) for X in (A, B)
         )
         terms = (rows[:, None] & columns)[row_of][:, column_of].sum()
         if 4 * terms > 3 * math.prod(A.shape[1:]) * B.shape[1] or len(rows) * len(columns) > _BLOCKS:
-            return self._array("dot", (), (A, B), (*A.shape, B.shape[1]), dtype, A.shape[0] * A.shape[1] * B.shape[1])
-        found = np.full((len(A), A.shape[1], B.shape[1]), zero)
+            return self._array("dot", (), (A, B), (*A.shape, B.shape[1]), dtype, math.prod(shape))
+        found = np.full(shape, zero)
         for i, j in np.ndindex(len(rows), len(columns)):
             if (both := rows[i] & columns[j]).any():
                 at, across = row_of == i, column_of == j
-                block = A[:, at][..., both], B[:, across][..., both]
-                shape = len(A), int(at.sum()), int(across.sum())
-                small = math.prod(shape) * int(both.sum()) <= 4 * _SMALL
-                made = self.product(*block, shape, dtype) if small else self._by_blocks(*block, dtype)
-                found[np.ix_(range(len(A)), at, across)] = made.reshape(shape)
+                made = self._by_blocks(A[:, at][..., both], B[:, across][..., both], dtype)
+                found[np.ix_(range(len(A)), at, across)] = made.reshape(len(A), at.sum(), -1)
         return found
 
     def _of_few_terms(self, A, B, shape, dtype, swapped=False):
