@@ -52,7 +52,7 @@ def read_xrdf(path: str | os.PathLike) -> Xrdf:
         told[UnsafeFileWarning if covers and not same else FileWarning].append(said)
     for kind, sentences in told.items():
         if sentences:
-            _warn(f"{path}: {'; '.join(sentences)}. Leave one of each.", kind)
+            warn(f"{path}: {'; '.join(sentences)}. Leave one of each.", kind)
     keys = top.keys(
         ["format", "cspace"],
         [
@@ -63,7 +63,7 @@ def read_xrdf(path: str | os.PathLike) -> Xrdf:
     if keys["format"].text() != "xrdf":
         keys["format"].refuse("xrdf")
     if "format_version" in keys and keys["format_version"].number() > _NEWEST:
-        _warn(f"{path}: format_version {keys['format_version'].content} is newer than {_NEWEST}, which is read here.")
+        warn(f"{path}: format_version {keys['format_version'].content} is newer than {_NEWEST}, which is read here.")
     cspace = keys["cspace"].keys(["joint_names"], _INACTIVE_IN_CSPACE)
     inactive = [f"cspace.{key}" for key in _INACTIVE_IN_CSPACE if key in cspace]
     if "self_collision" in keys:
@@ -73,7 +73,7 @@ def read_xrdf(path: str | os.PathLike) -> Xrdf:
     if "collision" in keys and "world_collision" in keys:
         inactive.append("collision")
     if inactive:
-        _warn(f"{path}: no RMPflow policy acts on {', '.join(inactive)}.")
+        warn(f"{path}: no RMPflow policy acts on {', '.join(inactive)}.")
     defaults = keys["default_joint_positions"].section() if "default_joint_positions" in keys else {}
     tools = keys["tool_frames"].texts() if "tool_frames" in keys else []
     lines: dict[str, Setting] = dict.fromkeys(tools, keys["tool_frames"]) if tools else {}
@@ -104,10 +104,12 @@ def _world_spheres(keys: dict[str, Setting], lines: dict[str, Setting], path: st
         radii.append(radius)
     if off:
         named = ", ".join(dict.fromkeys(off))
-        _warn(f"{path}: {len(off)} spheres of {named} are off, since their radius is below zero, as of places kept for "
-              "what is held. If it is held now, give them its radius.")  # fmt: skip
+        warn(
+            f"{path}: {len(off)} spheres of {named} are off, since their radius is below zero, as of places kept for "
+            "what is held. If it is held now, give them its radius."
+        )
     if not frames:
-        _warn(f"{path} gives the robot no spheres (world_collision): it avoids no obstacle.", UnsafeFileWarning)
+        warn(f"{path} gives the robot no spheres (world_collision): it avoids no obstacle.", UnsafeFileWarning)
     return RobotSpheres(tuple(frames), np.array(centers).reshape(-1, 3), np.array(radii))
 
 
@@ -129,5 +131,6 @@ def _spheres(geometry: Setting, name: Setting, lines: dict[str, Setting], within
                 yield frame, sphere
 
 
-def _warn(what: str, kind: type[FileWarning] = FileWarning) -> None:
+def warn(what: str, kind: type[FileWarning] = FileWarning) -> None:
+    """Warn of what a file says, from where it was asked for."""
     warnings.warn(what, kind, stacklevel=4)

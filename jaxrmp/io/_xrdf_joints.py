@@ -7,7 +7,7 @@ import numpy as np
 
 from .._errors import FileWarning
 from ..kinematics import Robot, load_robot
-from ._xrdf import Xrdf
+from ._xrdf import Xrdf, warn
 
 _ROUNDING = 1e-3  # rad or m: files round to three or four digits, and a limit is often a multiple of pi
 
@@ -57,13 +57,13 @@ def load_with_defaults(urdf: str | os.PathLike, description: Xrdf, source: str) 
         elif abs(value - defaults[name]) > _ROUNDING:
             setting.fail(f"{value:g} is outside the limits of joint {name}, from {lower:g} to {upper:g}")
     if unused:
-        _warn(f"{source}: default_joint_positions of {', '.join(unused)} are left out: the URDF has no such joint that "
-              "moves by itself.")  # fmt: skip
+        warn(
+            f"{source}: default_joint_positions of {', '.join(unused)} are left out: the URDF has no such joint that "
+            "moves by itself."
+        )
     if silent:
-        _warn(f"{source}: default_joint_positions says nothing of {', '.join(silent)}, which is assumed. Give them "
-              "positions.")  # fmt: skip
+        warn(
+            f"{source}: default_joint_positions says nothing of {', '.join(silent)}, which is assumed. Give them "
+            "positions."
+        )
     return load_robot(urdf, fixed={name: q for name, q in defaults.items() if name not in moving}), defaults
-
-
-def _warn(what: str) -> None:
-    warnings.warn(what, FileWarning, stacklevel=4)

@@ -30,7 +30,7 @@ def reach_content(
     """
     built_in = robot == "panda"
     arm = robot if isinstance(robot, Robot) else panda() if built_in else load_robot(robot)
-    hand = frame or (PANDA_HAND if built_in else hand_frame(arm))
+    hand = frame or hand_frame(arm)
     rest = READY if built_in else arm.middle
     try:
         policy = reaching_policy(arm, hand, rest, self_collision=self_collision)
