@@ -43,7 +43,7 @@ def self_pairs(
 
 
 def ignored_by_model(source: str | os.PathLike | Robot) -> dict[str, tuple[str, ...]]:
-    """For each body of the file `source`, or of a robot's, those it never touches in simulation, as for `self_pairs`.
+    """For each body of the file `source`, or of a robot, those it never touches in simulation, as for `self_pairs`.
 
     These are the pairs that `contact/exclude` names, and those of which no two geometries have `contype` and
     `conaffinity` that meet. Bodies without geometry that collides are left out.
@@ -53,6 +53,8 @@ def ignored_by_model(source: str | os.PathLike | Robot) -> dict[str, tuple[str, 
     m = geometry_of_model(source)
     meets = (m.geom_contype[:, None] & m.geom_conaffinity) | (m.geom_conaffinity[:, None] & m.geom_contype)
     bodies = sorted({int(m.geom_bodyid[g]) for g in range(m.ngeom) if m.geom_contype[g] or m.geom_conaffinity[g]})
+    if isinstance(source, Robot):  # which may be a branch of its file
+        bodies = [body for body in bodies if m.body(body).name in source.model.frame_of_name]
     excluded = {(int(s) >> 16, int(s) & 0xFFFF) for s in m.exclude_signature}
     ignored = {}
     for first in bodies:

@@ -19,6 +19,8 @@ BOTH = f"""<mujoco model="both"><compiler angle="radian" autolimits="true"/><wor
 <body name="lift" pos="0 0 .5"><joint name="lift" type="slide" axis="0 0 1" range="0 .5"/><geom size=".05"/>
 {ARM.format("a", 0.2)}{ARM.format("b", -0.2)}</body>
 <body name="cup" pos="1 0 0"><freejoint name="cup"/><geom size=".03"/></body></worldbody>
+<contact><exclude body1="a_hand" body2="b_hand"/><exclude body1="b_upper" body2="b_left"/>
+<exclude body1="b_upper" body2="b_right"/></contact>
 <equality><joint joint1="a_finger_2" joint2="a_finger_1"/><joint joint1="b_finger_2" joint2="b_finger_1"/></equality>
 </mujoco>"""
 
@@ -53,6 +55,9 @@ def test_one_arm_of_two_is_covered_and_reaches(file):
     robot = load_robot(file, root="b_base", fixed={"*_finger_*": None})
     policy = reaching_policy(robot, "b_hand")
     assert {name[0] for name in policy.spheres.frames} == {"b"}
+    whole = own_spheres(robot)
+    meet = {frozenset((whole.frames[i], whole.frames[j])) for i, j in own_self_pairs(robot, whole)}
+    assert meet == {frozenset(("lift", name)) for name in ("b_hand", "b_left", "b_right")}
     tree = policy.tree(np.eye(4), World())
     assert np.isfinite(jaxrmp.acceleration(tree, np.full(2, 0.1), np.zeros(2))).all()
 
