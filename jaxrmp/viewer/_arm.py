@@ -24,18 +24,17 @@ class ArmView:
     """
 
     def __init__(self, server: Any, robot: Robot, spheres: RobotSpheres | None, more: tuple[str, ...] = ()):
-        name_of, shapes, self.note = _looks(robot)
-        carried = [name_of[shape.body] for shape in shapes] + list(spheres.frames if spheres else ()) + list(more)
+        shapes, self.note = _looks(robot)
+        carried = [name for name, _ in shapes] + list(spheres.frames if spheres else ()) + list(more)
         self.frames = tuple(name for name in dict.fromkeys(carried) if name in robot.frame_names)
         scene = server.scene
         self._nodes = {name: scene.add_frame(f"/arm/{name}", show_axes=False) for name in self.frames}
         tinted: dict[str, tuple[int, int, int]] = {}
         if robot.fingerprint == panda().fingerprint:  # two light greys in turn, and a dark one for the hand
-            links = dict.fromkeys(name_of[shape.body] for shape in shapes)
+            links = dict.fromkeys(name for name, _ in shapes)
             arm = [name for name in links if "hand" not in name and "finger" not in name]
             tinted = dict.fromkeys(links, _HAND) | {name: _LINKS[k % 2] for k, name in enumerate(arm)}
-        for i, shape in enumerate(shapes):
-            name = name_of[shape.body]
+        for i, (name, shape) in enumerate(shapes):
             add_shape(scene, f"/arm/{name}/shape_{i}", shape, tinted.get(name))
         covered = dict.fromkeys(spheres.frames) if spheres else ()
         self._spheres = [_sphere_node(scene, name, spheres) for name in covered]
@@ -53,17 +52,19 @@ class ArmView:
             node.visible = visible
 
 
-def _looks(robot: Robot) -> tuple[list[str], list[Shape], str]:
-    """The names of bodies, the shapes on them, and why they are a skeleton's, if they are."""
+def _looks(robot: Robot) -> tuple[list[tuple[str, Shape]], str]:
+    """The shapes on the robot's links, by their names, and why they are a skeleton's, if they are."""
     try:
         model = geometry_of_model(robot, looks=True)
-        shapes, why = shapes_of(model, seen(model)), f"{robot.source} has no geometry."
+        named = [(model.body(shape.body).name, shape) for shape in shapes_of(model, seen(model))]
+        shapes = [(name, shape) for name, shape in named if name in robot.model.frame_of_name]  # it may be a branch
+        why = f"{robot.source} has no geometry."
     except RobotError as error:
         shapes, why = [], str(error)
     if shapes:
-        return [model.body(b).name for b in range(model.nbody)], shapes, ""
+        return shapes, ""
     warnings.warn(f"{robot.name!r} is drawn as a skeleton: {why}", FileWarning, stacklevel=3)
-    return [body.name for body in robot.model.bodies], skeleton(robot), f"drawn as a skeleton: {why}"
+    return [(robot.model.bodies[s.body].name, s) for s in skeleton(robot)], f"drawn as a skeleton: {why}"
 
 
 def _sphere_node(scene: Any, name: str, spheres: RobotSpheres) -> Any:

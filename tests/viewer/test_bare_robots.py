@@ -57,3 +57,15 @@ def test_each_link_is_drawn_by_its_visual_geometry_if_it_has_any(tmp_path):
     model = geometry_of_model(path, looks=True)
     names = [model.body(model.geom_bodyid[g]).name for g in seen(model)]
     assert (model.ngeom, names) == (3, ["upper", "tool"])
+
+
+def test_of_a_file_with_more_in_it_the_robot_alone_is_drawn(tmp_path):
+    pytest.importorskip("viser")
+    from jaxrmp.kinematics import load_robot
+    from jaxrmp.viewer._arm import _looks
+
+    path = tmp_path / "two.xml"
+    arm = '<body name="{0}"><joint axis="0 0 1" range="-1 1"/><geom size=".1"/></body>'
+    path.write_text(f"<mujoco><worldbody>{arm.format('left')}{arm.format('right')}</worldbody></mujoco>")
+    shapes, note = _looks(load_robot(path, root="right"))
+    assert ([name for name, _ in shapes], note) == (["right"], "")
