@@ -44,6 +44,7 @@ class Teacher(Session):
         self.recorder = Recorder()
         self._drawn: PathLines | None = None
         self._busy = threading.Lock()
+        self._by_sliders = False
         super().__init__(content, port, "jaxrmp: teach", folder="Teach")
 
     def _build(self, server: Any, folder: str) -> None:
@@ -97,7 +98,7 @@ class Teacher(Session):
 
     def policy(self) -> Any:
         policy = super().policy()
-        if self.mode.value == BY_HAND:
+        if not self._by_sliders:
             return policy
         q = tuple(float(slider.value) for slider in self._sliders)
         known = getattr(self, "_by_joints", None)
@@ -134,8 +135,9 @@ class Teacher(Session):
 
     def _change_mode(self) -> None:
         self._bring_controls_to_the_arm(self.loop.frame)
+        self._by_sliders = self.mode.value == BY_JOINTS  # not before they stand where the arm does
         for slider in self._sliders:
-            slider.visible = self.mode.value == BY_JOINTS
+            slider.visible = self._by_sliders
 
     def _toggle_recording(self) -> None:
         if not self.recorder.recording:

@@ -96,13 +96,15 @@ def test_what_is_taught_in_the_browser_is_learned_and_reproduced(teacher, page_o
     page.wait(lambda: not teacher.loop.replaying, "the replay to end")
     assert np.linalg.norm(hand_of(teacher)[:3, 3] - last.hand[-1]) < 0.01
 
+    page.wait(lambda: np.abs(teacher.loop.frame.qd).max() < 0.01, "the arm to stand still")
+    stood = teacher.loop.frame.q.copy()
     page.send("GuiUpdateMessage", uuid=teacher.mode._impl.uuid, updates={"value": BY_JOINTS})
-    page.wait(lambda: teacher._sliders[0].visible, "the joint sliders")
-    before = teacher.loop.frame.q.copy()
-    turned = float(before[0]) + 0.3
-    page.send("GuiUpdateMessage", uuid=teacher._sliders[0]._impl.uuid, updates={"value": turned})
-    page.wait(lambda: abs(teacher.loop.frame.q[0] - turned) < 0.02, "the first joint at its slider")
-    assert np.abs(teacher.loop.frame.q[1:] - before[1:]).max() < 0.05
+    page.wait(lambda: teacher._sliders[-1].visible, "the joint sliders")
+    wanted = np.array([slider.value for slider in teacher._sliders])
+    np.testing.assert_allclose(wanted, stood, atol=0.05)
+    wanted[0] += 0.3
+    page.send("GuiUpdateMessage", uuid=teacher._sliders[0]._impl.uuid, updates={"value": float(wanted[0])})
+    page.wait(lambda: np.abs(teacher.loop.frame.q - wanted).max() < 0.02, "the joints at their sliders")
 
     page.click("Save", lambda: "Saved 6" in teacher.told.content)
     page.page.get_by_text("Saved 6 demonstrations").wait_for()
