@@ -1,13 +1,14 @@
 """The policy of a whole arm: its tasks, what an arm always needs beside them, and what it avoids."""
 
 import warnings
+from collections.abc import Sequence
 from typing import Any
 
 import jax
 import numpy as np
 
-from .._errors import NoGeometryError, ShapeError, UnsafeFileWarning
-from .._pytree import pytree, single
+from .._errors import ConfigurationError, NoGeometryError, ShapeError, UnsafeFileWarning
+from .._pytree import pytree, single, static
 from .._tree import Leaf, Node
 from ..kinematics import Robot
 from ..leaves import CollisionAvoidance, OrientationAttractor
@@ -24,6 +25,10 @@ class ArmPolicy:
     `tasks`, each with a method `tree(robot, T_world_target)`, such as a `learning.Skill` or a `HandGoal`; `always`, a
     node on joint space that depends on neither target nor obstacles; `spheres` on the `robot`, None for none, that keep
     off obstacles by the leaf `avoidance`. `dataclasses.replace` gives another policy: `always=policy.always + leaf`.
+
+    Where there are several targets, `target_of` says which of them each task takes, counted from 0; empty where all
+    tasks take the same one. `common`: one target may stand for all of them.
+    **Raises** `ConfigurationError` unless `target_of` is empty or has an entry for each task.
     """
 
     robot: Robot
@@ -31,16 +36,35 @@ class ArmPolicy:
     always: Node = NOTHING
     spheres: RobotSpheres | None = None
     avoidance: Leaf = AVOIDANCE
+    target_of: tuple[int, ...] = static(default=())
+    common: bool = static(default=True)
+
+    def __post_init__(self):
+        if self.target_of and len(self.target_of) != len(self.tasks):
+            raise ConfigurationError(
+                f"target_of is {self.target_of}, expected one entry for each of {len(self.tasks)}."
+            )
 
     def tree(self, T_world_target: jax.Array, world: World) -> Node:
         """The policy with the target at `T_world_target` [4, 4] and the obstacles of `world`, which may have none.
 
-        **Raises** `ShapeError` for a target that is no [4, 4].
+        Where there are K targets, `T_world_target` is [K, 4, 4].
+        **Raises** `ShapeError` for a target of another shape.
         """
-        if np.shape(T_world_target) != (4, 4):
-            raise ShapeError(f"T_world_target has shape {np.shape(T_world_target)}, expected (4, 4): a pose.")
-        tasks = sum((task.tree(self.robot, T_world_target) for task in self.tasks), NOTHING)
+        targets = zip(self.tasks, self._targets(T_world_target), strict=True)
+        tasks = sum((task.tree(self.robot, T) for task, T in targets), NOTHING)
         return tasks + self.always + avoidance(self.robot, self.spheres, world, self.avoidance)
+
+    def _targets(self, T_world_target: jax.Array) -> list[jax.Array]:
+        """The target of each task."""
+        shape, count = np.shape(T_world_target), 1 + max(self.target_of, default=0)
+        if shape == (4, 4) and (self.common or not self.target_of):
+            return [T_world_target] * len(self.tasks)
+        if shape == (count, 4, 4) and self.target_of:
+            return [T_world_target[k] for k in self.target_of]
+        several = f"({count}, 4, 4): a pose for each of {count}{', or (4, 4), one for all' * self.common}"
+        expected = several if self.target_of else "(4, 4): a pose"
+        raise ShapeError(f"T_world_target has shape {shape}, expected {expected}.")
 
 
 def whole_arm_policy(skill: Any, robot: Robot, spheres: RobotSpheres | None = None) -> ArmPolicy:
@@ -66,21 +90,36 @@ def whole_arm_policy(skill: Any, robot: Robot, spheres: RobotSpheres | None = No
 
 
 def reaching_policy(
-    robot: Robot, hand: str, rest: Any = None, spheres: RobotSpheres | None = None, *, self_collision: bool = True
+    robot: Robot,
+    hand: str | Sequence[str],
+    rest: Any = None,
+    spheres: RobotSpheres | None = None,
+    *,
+    self_collision: bool = True,
 ) -> ArmPolicy:
     """Takes the frame `hand` to the target's pose and holds it there, by hand-designed leaves alone, all certified.
 
+    With several hands, H names, each has its own target, [H, 4, 4] in all, and all are taken there at once: joints that
+    move more than one, such as a torso's, settle where the hands' pulls are in balance.
     The gains suit an arm of about a metre and steps of 1 ms; the policy is in single precision.
 
     **Arguments**: `robot`; `rest`, see `posture`; `spheres`, see `whole_arm_policy`; `self_collision`, whether its
-    links keep off each other. **Raises** `UnknownNameError` for a frame that is not there, and as `whole_arm_policy`.
+    links keep off each other. **Raises** `UnknownNameError` for a frame that is not there, `ConfigurationError` for no
+    hand or one that is named twice, and as `whole_arm_policy`.
     """
-    robot.frame_index(hand)
+    several = not isinstance(hand, str)
+    hands = tuple(hand) if several else (hand,)
+    if not hands or len(set(hands)) < len(hands):
+        raise ConfigurationError(f"hand is {hand!r}, expected at least one frame, and each once.")
+    for name in hands:
+        robot.frame_index(name)
     spheres = spheres or _spheres_of(robot)
     always = joint_limits(robot) + velocity_limits(robot) + posture(robot, rest) + damping()
     if self_collision:
         always = self_avoidance(robot, spheres) + always
-    return single(ArmPolicy(robot, (HandGoal(np.eye(4), hand),), always, spheres and spheres.moving(robot)))
+    tasks, moving = tuple(HandGoal(np.eye(4), name) for name in hands), spheres and spheres.moving(robot)
+    target_of = tuple(range(len(hands))) if several else ()
+    return single(ArmPolicy(robot, tasks, always, moving, target_of=target_of, common=False))
 
 
 def _spheres_of(robot: Robot, hand: str | None = None) -> RobotSpheres | None:
