@@ -17,3 +17,4 @@ from ._position import Position as Position
 from ._relative import PointsInFrame as PointsInFrame
 from ._relative import RelativePoints as RelativePoints
 from ._robot import Robot as Robot
+from ._same_arm import arm_differences as arm_differences

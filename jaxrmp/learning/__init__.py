@@ -49,6 +49,7 @@ from ._reproduce import reproduce as reproduce
 from ._skill import Skill as Skill
 from ._skill_file import load_skill as load_skill
 from ._skill_file import save_skill as save_skill
+from ._skill_on_robot import SkillOnRobot as SkillOnRobot
 from ._subtask_trajectories import SubtaskTrajectories as SubtaskTrajectories
 from ._subtask_trajectories import subtask_trajectories as subtask_trajectories
 from ._support import Support as Support

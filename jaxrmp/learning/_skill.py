@@ -14,6 +14,7 @@ from .._tree import Batched, Node, on_coordinates, pullback
 from ..kinematics import ControlPoints, Robot
 from ..leaves import Damping, JointLimit, Learned
 from ._configuration import Configuration, PolicySettings
+from ._skill_on_robot import SkillOnRobot, skill_on_robot
 
 
 @pytree
@@ -94,6 +95,20 @@ class Skill:
             ) from error
         self.check_robot(robot)
         return robot
+
+    def on(self, robot: Robot, arm: Robot | None = None) -> "Skill | SkillOnRobot":
+        """The skill on a `robot` that holds more than the arm that it was learned on, or itself on that arm.
+
+        Bodies and joints are found by name. Where the arm is fixed may differ, and joints may move that were locked.
+
+        **Arguments**: `arm`, the robot that it was learned on, by default `load_robot()`.
+        **Raises** `RobotError` if `robot` has not that arm, or `arm` cannot be read.
+        """
+        if robot.fingerprint == self.robot_fingerprint:
+            return self
+        arm = arm or self.load_robot()
+        self.check_robot(arm)
+        return skill_on_robot(self, robot, arm)
 
     def check_robot(self, robot: Robot) -> None:
         """**Raises** `RobotError` if `robot` has other kinematics than the skill was learned on."""

@@ -2,6 +2,7 @@
 
 import warnings
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import jax
@@ -9,7 +10,8 @@ import numpy as np
 
 from .._errors import ConfigurationError, NoGeometryError, ShapeError, UnsafeFileWarning
 from .._pytree import pytree, single, static
-from .._tree import Leaf, Node
+from .._rotations import pose
+from .._tree import Leaf, Node, on_coordinates
 from ..kinematics import Robot
 from ..leaves import CollisionAvoidance, OrientationAttractor
 from ..world import RobotSpheres, World, own_spheres
@@ -67,26 +69,52 @@ class ArmPolicy:
         raise ShapeError(f"T_world_target has shape {shape}, expected {expected}.")
 
 
-def whole_arm_policy(skill: Any, robot: Robot, spheres: RobotSpheres | None = None) -> ArmPolicy:
+def whole_arm_policy(skill: Any | Sequence[Any], robot: Robot, spheres: RobotSpheres | None = None) -> ArmPolicy:
     """A skill, and what an arm needs beside it: the hand's turn, no collision with itself, velocity limits, avoidance.
 
     All is certified, and in single precision. The hand is turned as the demonstrations left it: the paper's three
     control points lie within 3 mm of one line, so that learned leaves leave the turn about it all but free; the weight
     is small enough to be felt there only. Avoidance is felt within 5 cm, and little, not to change what was learned.
 
+    Several skills, a list of K, act at once, each with its own target, [K, 4, 4] in all, or with one for all, [4, 4]. A
+    skill that was learned on one arm runs on a robot that has more (`learning.Skill.on`); joints that no skill knows,
+    such as a torso's, help, are slowed down, and keep their limits.
+
     **Arguments**: `skill`, a `learning.Skill`, or what has its `tree`, `R_object_hand` and `frames`; `spheres` that
     cover the `robot`, by default its `own_spheres`; if it has no geometry at all, an `UnsafeFileWarning` says so, and
-    nothing is avoided. **Raises** as `own_spheres` if its geometry is there and cannot be had.
+    nothing is avoided. **Raises** as `own_spheres` if its geometry is there and cannot be had, as `learning.Skill.on`
+    for a robot that does not have a skill's arm, `ConfigurationError` for no skill.
     """
-    T = np.eye(4)
-    T[:3, :3] = skill.R_object_hand
-    turn = OrientationAttractor(np.eye(3), 0.003, stiffness=25.0, damping_rate=10.0, name="hand_orientation")
-    tasks = skill, HandGoal(T, skill.frames[0], None, turn)
+    several = isinstance(skill, list | tuple)
+    given: tuple[Any, ...] = tuple(skill) if several else (skill,)
+    if not given:
+        raise ConfigurationError("skill is empty, expected a skill, or one for each arm.")
+    skills = [each.on(robot) if hasattr(each, "on") else each for each in given]
+    tasks = tuple(task for each in skills for task in (each, _turn(each)))
+    target_of = tuple(k for k in range(len(skills)) for _ in range(2)) if several else ()
     whole = spheres or _spheres_of(robot)
-    always = self_avoidance(robot, whole) + velocity_limits(robot)
-    close = spheres or (whole and _spheres_of(robot, skill.frames[0]))
+    always = self_avoidance(robot, whole) + velocity_limits(robot) + _of_others(robot, skills)
+    close = spheres or (whole and _spheres_of(robot, [each.frames[0] for each in skills]))
     leaf = CollisionAvoidance(barrier=0.003, reach=0.05, epsilon=0.02)
-    return single(ArmPolicy(robot, tasks, always, close and close.moving(robot), leaf))
+    return single(ArmPolicy(robot, tasks, always, close and close.moving(robot), leaf, target_of))
+
+
+def _turn(skill: Any) -> HandGoal:
+    """The hand turned as a skill's demonstrations left it."""
+    turn = OrientationAttractor(np.eye(3), 0.003, stiffness=25.0, damping_rate=10.0, name="hand_orientation")
+    return HandGoal(pose(np.zeros(3), np.asarray(skill.R_object_hand)), skill.frames[0], None, turn)
+
+
+def _of_others(robot: Robot, skills: Sequence[Any]) -> Node:
+    """Limits and damping of the joints that no skill knows."""
+    n = robot.num_joints
+    known = {joint for skill in skills for joint in getattr(skill, "joints", range(n))}
+    rows = tuple(joint for joint in range(n) if joint not in known)
+    if not rows:
+        return NOTHING
+    other = np.isin(np.arange(n), rows)
+    lower, upper = np.where(other, robot.lower, -np.inf), np.where(other, robot.upper, np.inf)
+    return joint_limits(replace(robot, lower=lower, upper=upper)) + on_coordinates(rows, n, damping())
 
 
 def reaching_policy(
@@ -122,9 +150,9 @@ def reaching_policy(
     return single(ArmPolicy(robot, tasks, always, moving, target_of=target_of, common=False))
 
 
-def _spheres_of(robot: Robot, hand: str | None = None) -> RobotSpheres | None:
+def _spheres_of(robot: Robot, hands: Sequence[str] = ()) -> RobotSpheres | None:
     try:
-        return own_spheres(robot, hand)
+        return own_spheres(robot, hands)
     except NoGeometryError as error:
         warnings.warn(f"{robot.name!r} avoids neither obstacles nor itself: {error}", UnsafeFileWarning, stacklevel=3)
         return None

@@ -2,6 +2,7 @@
 
 import contextlib
 import warnings
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -18,12 +19,12 @@ _FINENESS = (0.008, 0.015, 0.03, 0.06)  # m, how far spheres may stick out; the 
 _ENOUGH, _ENOUGH_A_JOINT = 100, 6
 
 
-def own_spheres(robot: Robot, hand: str | None = None) -> RobotSpheres:
+def own_spheres(robot: Robot, hand: str | Sequence[str] | None = None) -> RobotSpheres:
     """Spheres that cover a `robot`, from the geometry of its own file: for the built-in Panda, `panda_spheres()`.
 
     They stick out of it by 1.5 cm at most, or by 3 or 6 where else there would be more than 100, or 6 a joint; the
-    result's `coverage_error` says. The link of the frame `hand` and what it carries, which pass close to things, are
-    covered to 8 mm if possible. They are found once, and kept on disk (`spheres_from_model`).
+    result's `coverage_error` says. The link of the frame `hand`, or of each of several, and what it carries, which pass
+    close to things, are covered to 8 mm if possible. They are found once, and kept on disk (`spheres_from_model`).
     **Raises** `NoGeometryError`, a `RobotError`, if the robot was read from no file or its file has no geometry,
     `RobotError` if that cannot be read (meshes that are not there), `ConfigurationError` if 6 cm are too fine,
     `UnknownNameError` for a frame that is not there.
@@ -34,8 +35,8 @@ def own_spheres(robot: Robot, hand: str | None = None) -> RobotSpheres:
     of_robot = {name: i for i, name in enumerate(body.name for body in robot.model.bodies)}
     bodies = {name: of_robot[name] for name in covered if name in of_robot}  # of its file, it may be a branch
     whole = _finest(model, robot.source, _FINENESS[1:], None if len(bodies) == len(covered) else tuple(bodies), most)
-    link = None if hand is None else link_of(robot, hand)
-    carried = tuple(name for name, body in bodies.items() if link in robot.model.path(body))
+    links = {link_of(robot, name) for name in ((hand,) if isinstance(hand, str) else hand or ())}
+    carried = tuple(name for name, body in bodies.items() if not links.isdisjoint(robot.model.path(body)))
     if not carried:
         return whole
     fine = _finest(model, robot.source, _FINENESS, carried, most)
