@@ -4,13 +4,15 @@ The robots are of the package example-robot-data; `make robots` puts it where th
 its folder `robots` is. Each arm, both arms at once where there are two, starts at its rest posture, the best
 conditioned of random ones that are clear of the robot itself, among four obstacles clear of that posture. Goals are
 poses of the hands at random postures clear of the robot and of the obstacles, in position alone for arms of five
-joints. Rollouts are kinematic and last 10 s at 1 kHz.
+joints. The policy is told the poses alone: `find_posture` finds postures for them. Rollouts are kinematic and last 10 s
+at 1 kHz. Times are CPU seconds; those of the cover and its pairs count where JAXRMP_CACHE is an empty folder.
 """
 
 import os
 import sys
 import time
 import warnings
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -34,7 +36,7 @@ from jaxrmp.world import (
 )
 
 GOALS, SEED = 50, 0
-DURATION, DT = 10.0, 1e-3
+DURATION, DT, EVERY = 10.0, 1e-3, 5  # s, s, steps from one look at distances to the next
 NEAR, TURNED = 0.01, np.deg2rad(5)  # m, rad: what counts as reached
 # m, how far postures are from obstacles, and spheres from each other, at least.
 CLEAR, APART = 0.03, 0.005
@@ -144,17 +146,15 @@ def obstacles(rng: np.random.Generator, robot: Robot, spheres: RobotSpheres, res
     return World(spheres=balls, boxes=Boxes.of([(T, h) for T, (_, h) in zip(pose[2:], placed[2:], strict=True)]))
 
 
-@partial(jax.jit, static_argnames=("hands", "turned", "steps"))
-def outcomes(robot, always, moving, world, rest, goals, least, hands, turned, steps):
-    """What becomes of each of `goals` [G, H, 4, 4] from `rest`."""
+@partial(jax.jit, static_argnames=("turned", "steps"))
+def outcomes(policy, world, rest, goals, postures, least, turned, steps):
+    """What becomes of each of `goals` [G, H, 4, 4] from `rest`, drawn to `postures` [G, n]."""
+    robot, hands = policy.robot, tuple(task.frame for task in policy.tasks)
 
-    def one(goal):
-        tree = always + policies.avoidance(robot, moving, world)
-        for hand, T in zip(hands, goal, strict=True):
-            leaves = {} if turned else {"orientation": None}
-            tree = tree + policies.hand_at(robot, hand, T, **leaves)
+    def one(goal, posture):
+        tree = policies.guided(policy, posture).tree(goal, world)
 
-        def look(q, qd, seen):
+        def look(q, seen):
             outer, own = least(q)
             T = jnp.stack([forward_kinematics(robot, q, hand) for hand in hands])
             R = jnp.einsum("hki,hkj->hij", T[:, :3, :3], goal[:, :3, :3], precision="highest")
@@ -168,30 +168,35 @@ def outcomes(robot, always, moving, world, rest, goals, least, hands, turned, st
                 seen.finite & jnp.isfinite(q).all(),
             )
 
-        def step(state, _):
-            q, qd, seen = state
+        def step(_, state):
+            q, qd = state
             qd = qd + DT * acceleration(tree, q, qd)
-            q = q + DT * qd
-            return (q, qd, look(q, qd, seen)), None
+            return q + DT * qd, qd
+
+        def steps_and_look(state, _):
+            q, qd, seen = state
+            q, qd = jax.lax.fori_loop(0, EVERY, step, (q, qd))
+            return (q, qd, look(q, seen)), None
 
         far, none = jnp.full((), jnp.inf, rest.dtype), jnp.zeros((), rest.dtype)
         start = rest, jnp.zeros_like(rest), Reached(far, far, far, far, none, jnp.asarray(True))
-        return jax.lax.scan(step, start, length=steps)[0][2]
+        return jax.lax.scan(steps_and_look, start, length=steps // EVERY)[0][2]
 
-    return jax.vmap(one)(goals)
+    return jax.vmap(one)(goals, postures)
 
 
 def row(name: str, arm: Arm) -> dict[str, Any]:
     """One robot: how long loading and covering take, and what becomes of its goals."""
     rng = np.random.default_rng([SEED, sorted(ROBOTS).index(name)])
-    begun = time.perf_counter()
+    begun = time.process_time()
     robot, hands = loaded(arm)
-    found: dict[str, Any] = {"name": name, "joints": robot.num_joints, "load_s": time.perf_counter() - begun}
-    begun = time.perf_counter()
+    found: dict[str, Any] = {"name": name, "joints": robot.num_joints, "load_s": time.process_time() - begun}
+    begun = time.process_time()
     spheres = own_spheres(robot)
-    found |= {"spheres": spheres.size, "cover_s": time.perf_counter() - begun}
+    found |= {"spheres": spheres.size, "cover_s": time.process_time() - begun}
+    begun = time.process_time()
     pairs = own_self_pairs(robot, spheres)
-    found |= {"error_mm": 1e3 * spheres.coverage_error, "pairs": len(pairs)}
+    found |= {"error_mm": 1e3 * spheres.coverage_error, "pairs": len(pairs), "pairs_s": time.process_time() - begun}
     rest = rest_of(rng, robot, hands, distances(robot, spheres, pairs, World(spheres=Spheres.of([((9, 9, 9), 0.1)]))))
     q = postures(rng, robot, 20000)
     places = jax.jit(jax.vmap(lambda q: jnp.stack([forward_kinematics(robot, q, hand) for hand in hands])))(q)
@@ -201,35 +206,28 @@ def row(name: str, arm: Arm) -> dict[str, Any]:
     outer, own = map(np.asarray, jax.jit(jax.vmap(least))(q))
     clear = (outer > CLEAR) & (own > APART)
     goals = np.asarray(places)[clear][:GOALS]
-    always = policies.joint_limits(robot) + policies.velocity_limits(robot) + policies.posture(robot, rest)
-    always = always + policies.damping() + policies.self_avoidance(robot, spheres, pairs)
-    numbers = jax.tree.map(lambda x: jnp.asarray(x, jnp.float32), (always, rest, goals))
-    begun = time.perf_counter()
-    result = outcomes(
-        robot,
-        numbers[0],
-        spheres.moving(robot),
-        world,
-        numbers[1],
-        numbers[2],
-        least,
-        hands,
-        arm.turned,
-        round(DURATION / DT),
+    policy = policies.reaching_policy(robot, hands, rest, spheres)
+    if not arm.turned:
+        policy = replace(policy, tasks=tuple(replace(task, orientation=None) for task in policy.tasks))
+    numbers = jax.tree.map(lambda x: jnp.asarray(x, jnp.float32), (rest, goals))
+    find = jax.jit(
+        jax.vmap(lambda T: policies.find_posture(robot, hands, T, numbers[0], spheres, world, turned=arm.turned))
     )
+    begun = time.perf_counter()
+    posture = jax.block_until_ready(find(numbers[1])).q
+    found |= {"goals": len(goals), "search_s": time.perf_counter() - begun}
+    begun = time.perf_counter()
+    result = outcomes(policy, world, *numbers, posture, least, arm.turned, round(DURATION / DT))
     result = jax.tree.map(np.asarray, result)
-    reached = (result.goal < NEAR) & (result.turn < TURNED)
+    found["roll_out_s"] = time.perf_counter() - begun
     return found | {
-        "goals": len(goals),
-        "reached": int(reached.sum()),
-        "reached_in_position": int((result.goal < NEAR).sum()),
-        "penetrations": int(((result.obstacle < -1e-3) | (result.own < -1e-3)).sum()),
+        "reached": int(((result.goal < NEAR) & (result.turn < TURNED)).sum()),
+        "penetrations": int(((result.obstacle < 0) | (result.own < 0)).sum()),
         "least_obstacle_mm": 1e3 * float(result.obstacle.min()),
         "least_self_mm": 1e3 * float(result.own.min()),
         "limits_crossed": int((result.margin < 0).sum()),
         "least_margin": float(result.margin.min()),
         "not_finite": int((~result.finite).sum()),
-        "roll_out_s": time.perf_counter() - begun,
     }
 
 

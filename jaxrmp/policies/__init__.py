@@ -11,6 +11,10 @@ from ._distances import AVOIDANCE as AVOIDANCE
 from ._distances import SELF_AVOIDANCE as SELF_AVOIDANCE
 from ._distances import avoidance as avoidance
 from ._distances import self_avoidance as self_avoidance
+from ._guided import FIRM_AVOIDANCE as FIRM_AVOIDANCE
+from ._guided import FIRM_SELF_AVOIDANCE as FIRM_SELF_AVOIDANCE
+from ._guided import guide as guide
+from ._guided import guided as guided
 from ._hand import HAND_ORIENTATION as HAND_ORIENTATION
 from ._hand import HAND_POSITION as HAND_POSITION
 from ._hand import HandGoal as HandGoal
@@ -20,3 +24,5 @@ from ._joints import damping as damping
 from ._joints import joint_limits as joint_limits
 from ._joints import posture as posture
 from ._joints import velocity_limits as velocity_limits
+from ._posture_search import FoundPosture as FoundPosture
+from ._posture_search import find_posture as find_posture
