@@ -28,8 +28,10 @@ def keep_branch(mujoco: Any, spec: Any, root: str | None, fixed: Collection[str]
     With `root`, the body that the robot begins with, all that is not above or below it goes; joints above it, unless
     `fixed` has them, stay where the file's reference posture has them. So does a free joint of the root. Without, an
     object goes that one free joint moves and no other. **Raises** `UnknownNameError`, and `RobotError` for a joint that
-    stays, is not in `fixed`, and follows one that goes.
+    stays, is not in `fixed`, and follows one that goes. Keyframes go too.
     """
+    for key in list(spec.keys):  # a state of the whole file, which MuJoCo would compare with what is left at once
+        spec.delete(key)
     if root is None:
         return _without_objects(mujoco, spec, source)
     body = spec.body(root)

@@ -51,6 +51,14 @@ def test_one_arm_of_two_on_a_column_that_stands_still_or_is_put_somewhere(file):
         load_robot(file, root="c_base")
 
 
+def test_a_file_may_have_keyframes_of_all_that_is_in_it(tmp_path):
+    key = f'<keyframe><key name="home" qpos="{"0 " * 9} 0 0 0 1 0 0 0"/></keyframe></mujoco>'
+    (tmp_path / "keys.xml").write_text(BOTH.replace("</mujoco>", key))
+    assert load_robot(tmp_path / "keys.xml", root="b_base").num_joints == 3
+    with pytest.warns(jaxrmp.FileWarning, match="cup"):
+        assert load_robot(tmp_path / "keys.xml").num_joints == 7
+
+
 def test_one_arm_of_two_is_covered_and_reaches(file):
     robot = load_robot(file, root="b_base", fixed={"*_finger_*": None})
     policy = reaching_policy(robot, "b_hand")
