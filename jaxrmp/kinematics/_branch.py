@@ -8,18 +8,21 @@ from typing import Any
 from .._errors import FileWarning, RobotError, UnknownNameError
 
 
-def name_bodies(spec: Any, source: str) -> None:
-    """Name the bodies that have no name by their place in the whole file, so that it is the same in every branch.
+def name_parts(spec: Any, source: str) -> None:
+    """Name bodies and joints that have no name by their place in the whole file, so that branches of it agree.
 
     **Raises** `RobotError` if such a name is taken.
     """
     bodies = list(_below(spec.worldbody))
-    taken = {body.name for body in bodies}
-    for i, body in enumerate(bodies):
-        if not body.name:
-            if f"body_{i}" in taken:
-                raise RobotError(f"{source}: one body is called 'body_{i}', and one without a name would be. Name it.")
-            body.name = f"body_{i}"
+    for kind, parts in (("body", bodies), ("joint", [joint for body in bodies for joint in body.joints])):
+        taken = {part.name for part in parts}
+        for i, part in enumerate(parts):
+            if not part.name:
+                if f"{kind}_{i}" in taken:
+                    raise RobotError(
+                        f"{source}: one {kind} is called '{kind}_{i}', and one without a name would be. Name it."
+                    )
+                part.name = f"{kind}_{i}"
 
 
 def keep_branch(mujoco: Any, spec: Any, root: str | None, fixed: Collection[str], source: str) -> set[str]:

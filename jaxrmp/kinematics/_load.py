@@ -111,7 +111,6 @@ def _robot_of(text, source, fixed, name, root=None, path=None, packages=()) -> R
         for i in range(m.nbody)
     )
     joints = [_joint(mujoco, m, i, bodies, source) for i in range(m.njnt)]
-    _require_unique(joints, source)
     ranges = _ranges(m, joints, urdf, source)
     joints, joint_names, lower, upper = resolve_couplings(joints, m, ranges, fixed or {}, source)
     file = None if path is None else str(path.resolve())
@@ -164,7 +163,7 @@ def _strip(mujoco, spec) -> list[tuple[str, tuple[str, str]]]:
 
 def _joint(mujoco, m, i: int, bodies, source: str) -> Joint:
     body = int(m.jnt_bodyid[i])
-    name = m.joint(i).name or f"joint_{i}"
+    name = m.joint(i).name
     kinds: dict[Any, Any] = {mujoco.mjtJoint.mjJNT_HINGE: "revolute", mujoco.mjtJoint.mjJNT_SLIDE: "prismatic"}
     kind = kinds.get(mujoco.mjtJoint(m.jnt_type[i]))
     if kind is None:
@@ -213,14 +212,6 @@ def _require_numbers(m, source: str) -> None:
         for i in np.flatnonzero(~np.isfinite(numbers).all(1)):
             name = getattr(m, kind)(i).name
             raise RobotError(f"{source}: the place or axis of {kind} {name!r} is not finite: {numbers[i].tolist()}.")
-
-
-def _require_unique(joints: list[Joint], source: str) -> None:
-    """A joint that has no name in the file is given one, which may be there."""
-    names = [joint.name for joint in joints]
-    twice = sorted({name for name in names if names.count(name) > 1})
-    if twice:
-        raise RobotError(f"{source}: one joint is called {twice[0]!r}, and one without a name would be. Name it.")
 
 
 def _warn_of_followers(joints: list[Joint], ranges, limits: np.ndarray, source: str) -> None:

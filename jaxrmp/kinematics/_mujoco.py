@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from .._errors import FileWarning, RobotError, importing
-from ._branch import name_bodies
+from ._branch import name_parts
 from ._meshes import known_to_mujoco, link_meshes, place_meshes
 from ._packages import require_folders
 from ._robot_text import format_of, read_text
@@ -106,13 +106,13 @@ def set_any_inertia(spec: Any) -> None:
 
 
 def _parse(source: str, read: Callable[[Any], Any]) -> Any:
-    """What `read` makes of the class of specs, all its bodies named, so that kinematics and geometry agree."""
+    """What `read` makes of the class of specs, bodies and joints named, so that kinematics and geometry agree."""
     with _warnings_of_mujoco(source):
         try:
             spec = read(import_mujoco().MjSpec)
         except (OSError, ValueError) as error:
             raise RobotError(f"{source} cannot be read as MJCF or URDF: {' '.join(str(error).split())}") from error
-    name_bodies(spec, source)
+    name_parts(spec, source)
     return spec
 
 

@@ -10,6 +10,7 @@ from ._meshes import panda_meshes as panda_meshes
 from ._meshes import picture_model as picture_model
 from ._named import SCENES as SCENES
 from ._named import scene as scene
+from ._robot_spec import robot_spec as robot_spec
 from ._scene import Left as Left
 from ._scene import Plotted as Plotted
 from ._scene import Scene as Scene

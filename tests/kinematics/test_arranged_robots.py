@@ -165,6 +165,7 @@ def test_links_without_names_keep_their_own_spheres_and_their_side(tmp_path):
         robot = load_robot(path)
     spheres = own_spheres(robot)
     assert dict(zip(spheres.frames, spheres.radii.tolist(), strict=True)) == {"body_2": 0.3, "body_3": 0.1}
+    assert robot.joint_names == ("joint_1", "joint_2")  # the ball's is the first of the file
     two = f'<mujoco><worldbody><body>{arm}<body name="right">{hinge}</body></body></worldbody></mujoco>'
     assert load_robot_from_string(two, root="right").num_joints == 1
     with pytest.raises(jaxrmp.RobotError, match="one body is called 'body_2', and one without a name would be"):

@@ -1,0 +1,178 @@
+"""A robot as it was loaded, as a MuJoCo model: its branch alone, where it is mounted, locked joints held, motors."""
+
+import warnings
+from typing import Any
+
+import numpy as np
+
+from .._errors import FileWarning, RobotError, UnsafeFileWarning
+from .._rotations import pose, quaternion_of_rotation, rotation_of_quaternion, rotation_of_vector
+from ..kinematics import Robot
+from ..kinematics._mujoco import compile_spec, import_mujoco, read_spec
+from ..kinematics._robot import Joint
+from ..kinematics._robot_text import format_of, read_text
+
+
+def robot_spec(robot: Robot) -> Any:
+    """The editable MuJoCo model, a `mujoco.MjSpec`, of a `robot` that was read from a file, for a scene to be built on.
+
+    As `load_robot` was told: what is no part of the robot is left out, it stands where it is mounted, locked joints are
+    held where they are locked, tools are sites. Each joint has a motor: the file's own, one within the force range of
+    another actuator, in whose place it is (a `FileWarning`), or one within URDF's `effort`. An `UnsafeFileWarning` says
+    which joints' torques nothing limits. An MJCF joint that has none of these stays without.
+
+    **Raises** `RobotError` for a robot that was read from text, a file that cannot be read or does not compile.
+    """
+    if robot.source is None:
+        raise RobotError(f"{robot.name!r} was read from text: physics needs its file, with masses. Load it from one.")
+    spec = read_spec(robot.source, dict(robot.model.packages))
+    spec.compiler.fusestatic = False
+    for part in (*spec.keys, *spec.sensors):
+        spec.delete(part)
+    _leave_out(spec, robot)
+    file = compile_spec(spec, robot.source)
+    mount = _mount(robot, file)
+    _hold(spec, robot, file)
+    _add_tools(spec, robot)
+    if not np.allclose(mount, np.eye(4), atol=1e-12):
+        _move_all(spec, mount)
+    _drive(spec, robot)
+    return spec
+
+
+def _mount(robot: Robot, file: Any) -> np.ndarray:
+    """How far the robot's base was moved from where the file has it, [4, 4]."""
+    body = next(body for body in robot.model.bodies if body.parent == 0)
+    here = pose(np.array(body.position), np.reshape(body.rotation, (3, 3)))
+    return here @ np.linalg.inv(_pose_in(file, body.name))
+
+
+def _pose_in(model: Any, body: str) -> np.ndarray:
+    found = model.body(body)
+    return pose(found.pos, rotation_of_quaternion(found.quat))
+
+
+def _leave_out(spec: Any, robot: Robot) -> None:
+    """Delete the bodies that are no part of the robot, and all that speaks of them."""
+    names = {body.name for body in robot.model.bodies}
+    gone = [body for body in spec.bodies[1:] if body.name not in names]
+    highest = [body for body in gone if body.parent.name in names]  # what is below goes with them
+    _forget(spec, {joint.name for body in gone for joint in body.joints} | {body.name for body in gone})
+    for body in highest:
+        spec.delete(body)
+
+
+def _forget(spec: Any, names: set[str]) -> None:
+    """Delete actuators, couplings and exclusions of joints and bodies that go."""
+    parts = [part for part in spec.actuators if part.target in names]
+    parts += [part for part in spec.equalities if {part.name1, part.name2} & names]
+    parts += [part for part in spec.excludes if {part.bodyname1, part.bodyname2} & names]
+    for part in parts:
+        spec.delete(part)
+
+
+def _hold(spec: Any, robot: Robot, file: Any) -> None:
+    """Put bodies where locked joints hold them, and delete these joints, and those that the robot was read without."""
+    gone, joints = [], {joint.name: joint for joint in robot.model.joints}
+    for body in robot.model.bodies[1:]:
+        there, moved, free = spec.body(body.name), np.eye(4), []
+        for element in there.joints:
+            joint = joints.get(element.name)
+            if joint is not None and joint.coordinate >= 0:
+                free.append(element)
+                continue
+            gone.append(element)
+            if joint is not None:
+                M = _motion(joint)
+                moved = moved @ M
+                for before in free:  # their axes move with the body, which now sits where the locked joint holds it
+                    before.axis, before.pos = M[:3, :3].T @ before.axis, M[:3, :3].T @ (before.pos - M[:3, 3])
+        if not np.allclose(moved, np.eye(4), atol=1e-12):
+            there.set_frame(there.parent.add_frame())
+            _place(there, _pose_in(file, body.name) @ moved)
+    _forget(spec, {joint.name for joint in gone})
+    if gone and list(spec.tendons):
+        names = [tendon.name for tendon in spec.tendons]
+        warnings.warn(
+            f"{robot.source}: joints are locked, and the tendons {names} are left out: they may span them.",
+            FileWarning,
+            stacklevel=5,
+        )
+        _forget(spec, set(names))
+    for part in (*(spec.tendons if gone else ()), *gone):
+        spec.delete(part)
+
+
+def _motion(joint: Joint) -> np.ndarray:
+    """How a locked joint moves its body from where the file has it, [4, 4]."""
+    by, axis, anchor = joint.offset - joint.reference, np.array(joint.axis), np.array(joint.anchor)
+    if joint.kind == "prismatic":
+        return pose(by * axis, np.eye(3))
+    R = rotation_of_vector(by * axis)
+    return pose(anchor - R @ anchor, R)
+
+
+def _place(element: Any, T: np.ndarray) -> None:
+    element.pos, element.quat = T[:3, 3], quaternion_of_rotation(T[:3, :3])
+    element.alt.type = import_mujoco().mjtOrientation.mjORIENTATION_QUAT
+
+
+def _add_tools(spec: Any, robot: Robot) -> None:
+    there = {part.name for part in (*spec.bodies, *spec.sites)}
+    for frame in robot.model.frames:
+        if frame.name.removeprefix("site:") not in there:
+            site = spec.body(robot.model.bodies[frame.body].name).add_site(name=frame.name)
+            _place(site, pose(np.array(frame.position), np.reshape(frame.rotation, (3, 3))))
+
+
+def _move_all(spec: Any, T: np.ndarray) -> None:
+    """Move all that stands in the world by `T` [4, 4]."""
+    world = spec.worldbody
+    frames = [frame for frame in spec.frames if frame.parent.name == world.name]
+    parts = [*world.bodies, *world.geoms, *world.sites, *world.cameras, *world.lights, *frames]
+    mount = world.add_frame()
+    mount.pos, mount.quat = T[:3, 3], quaternion_of_rotation(T[:3, :3])
+    for part in parts:
+        if part.frame is None:
+            part.set_frame(mount)
+
+
+def _drive(spec: Any, robot: Robot) -> None:
+    """One motor a joint, within the limits that the file has."""
+    mujoco, replaced, unlimited = import_mujoco(), [], []
+    urdf = format_of(read_text(str(robot.source)), str(robot.source)) == "urdf"
+    for name in robot.joint_names:
+        given = [a for a in spec.actuators if a.target == name and a.trntype == mujoco.mjtTrn.mjTRN_JOINT]
+        if len(given) == 1 and not any(int(kind) for kind in (given[0].dyntype, given[0].gaintype, given[0].biastype)):
+            continue
+        most = _most_torque(spec, name, given)
+        if not given and not urdf and np.isinf(most):
+            continue  # `Scene` says what is missing
+        for actuator in given:
+            spec.delete(actuator)
+        motor = spec.add_actuator(name=f"motor of {name}", target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+        if np.isfinite(most):
+            motor.ctrllimited, motor.ctrlrange = mujoco.mjtLimited.mjLIMITED_TRUE, [-most, most]
+        else:
+            unlimited.append(name)
+        if given:
+            replaced.append(name)
+    if replaced:
+        warnings.warn(
+            f"{robot.source}: actuators of {replaced} are no plain motors. They have motors of the same force here.",
+            FileWarning,
+            stacklevel=4,
+        )
+    if unlimited:
+        warnings.warn(
+            f"{robot.source}: no torque limit of {unlimited}. Say it there: URDF's effort, MJCF's forcerange.",
+            UnsafeFileWarning,
+            stacklevel=4,
+        )
+
+
+def _most_torque(spec: Any, joint: str, actuators: list[Any]) -> float:
+    """The largest torque that a file lets the actuators of a joint have, N m or N; infinite where it says nothing."""
+    ranges = [actuator.gear[0] * np.array(actuator.forcerange) for actuator in actuators]
+    ranges.append(np.array(spec.joint(joint).actfrcrange))
+    return min((float(np.abs(r).min()) for r in ranges if np.any(r)), default=np.inf)
