@@ -11,6 +11,7 @@ from ..kinematics import Robot
 from ..kinematics._mujoco import compile_spec, import_mujoco, read_spec
 from ..kinematics._robot import Joint
 from ..kinematics._robot_text import format_of, read_text
+from ._may_touch import let_neighbours_touch
 
 
 def robot_spec(robot: Robot) -> Any:
@@ -19,7 +20,8 @@ def robot_spec(robot: Robot) -> Any:
     As `load_robot` was told: what is no part of the robot is left out, it stands where it is mounted, locked joints are
     held where they are locked, tools are sites. Each joint has a motor: the file's own, one within the force range of
     another actuator, in whose place it is (a `FileWarning`), or one within URDF's `effort`. An `UnsafeFileWarning` says
-    which joints' torques nothing limits. An MJCF joint that has none of these stays without.
+    which joints' torques nothing limits. An MJCF joint that has none of these stays without. Links of a URDF that are
+    next to each other do not touch, nor do such as meet nearly always (a `FileWarning`); in MJCF the file says.
 
     **Raises** `RobotError` for a robot that was read from text, a file that cannot be read or does not compile.
     """
@@ -36,7 +38,10 @@ def robot_spec(robot: Robot) -> Any:
     _add_tools(spec, robot)
     if not np.allclose(mount, np.eye(4), atol=1e-12):
         _move_all(spec, mount)
-    _drive(spec, robot)
+    urdf = format_of(read_text(robot.source), robot.source) == "urdf"
+    _drive(spec, robot, urdf)
+    if urdf:
+        let_neighbours_touch(spec, robot)
     return spec
 
 
@@ -137,10 +142,9 @@ def _move_all(spec: Any, T: np.ndarray) -> None:
             part.set_frame(mount)
 
 
-def _drive(spec: Any, robot: Robot) -> None:
-    """One motor a joint, within the limits that the file has."""
+def _drive(spec: Any, robot: Robot, urdf: bool) -> None:
+    """One motor a joint, within the limits that the file has; in MJCF none where it has nothing to go by."""
     mujoco, replaced, unlimited = import_mujoco(), [], []
-    urdf = format_of(read_text(str(robot.source)), str(robot.source)) == "urdf"
     for name in robot.joint_names:
         given = [a for a in spec.actuators if a.target == name and a.trntype == mujoco.mjtTrn.mjTRN_JOINT]
         if len(given) == 1 and not any(int(kind) for kind in (given[0].dyntype, given[0].gaintype, given[0].biastype)):

@@ -27,7 +27,7 @@ BOTH = f"""<mujoco model="both"><compiler angle="radian" autolimits="true"/><wor
 <keyframe><key name="home" qpos="{"0 " * 9} 1 0 0 .1 1 0 0 0"/></keyframe></mujoco>"""
 WALL = np.array([[0.0, 0, 1, 0.2], [1, 0, 0, 0.3], [0, 1, 0, 0.8], [0, 0, 0, 1]])
 LINK = """<link name="{0}"><inertial><mass value="1"/><inertia ixx=".1" iyy=".1" izz=".1" ixy="0" ixz="0" iyz="0"/>
-</inertial></link>"""
+</inertial><collision><geometry><sphere radius=".2"/></geometry></collision></link>"""
 JOINT = """<joint name="{0}" type="revolute"><parent link="{1}"/><child link="{2}"/>
 <origin xyz="0 .1 .3" rpy=".1 .2 .3"/>
 <axis xyz="0 1 0"/><limit lower="-2" upper="2" velocity="2" effort="{3}"/></joint>"""
@@ -89,6 +89,21 @@ def test_a_urdf_on_a_wall_is_driven_within_its_efforts(file):
         scene = arm_alone(wall.source, wall)
     assert_same_poses(wall, scene)
     np.testing.assert_array_equal(scene.torque_limit, [30, 20, np.inf])
+
+
+@pytest.mark.filterwarnings("ignore::jaxrmp.UnsafeFileWarning")
+def test_links_of_a_urdf_that_are_neighbours_do_not_touch_and_others_do(file):
+    """The base is one: MuJoCo would have a link touch a neighbour that stands still."""
+    scene = arm_alone(file.with_name("wall.urdf"))
+    for q, touching in (([0.0, 0, 0], []), ([1.95, 0, 0], ["base - two"])):
+        data = scene.fresh()
+        data.qpos[scene.arm_qpos] = q
+        mujoco.mj_forward(scene.model, data)
+        assert [" - ".join(sorted(pair.split(" - "))) for pair in scene.contacts(data)] == touching
+    always = URDF.replace('radius=".2"', 'radius=".35"')
+    file.with_name("always.urdf").write_text(always)
+    with pytest.warns(FileWarning, match="geometry of base - three, base - two, one - three meets"):
+        arm_alone(file.with_name("always.urdf"))
 
 
 def test_a_robot_file_in_toml_is_an_arm_alone(file):
