@@ -32,6 +32,7 @@ _SHARP = 0.97  # cosine of the angle between facets, below which their edge is o
 _SEARCHED, _STEPS = 150_000, 100  # balls by samples up to which balls that can go are sought, by steps of descent
 _ROUNDS = 30  # of cutting into cells and adding corners; later ones aim lower
 _NEIGHBOURS = 200  # balls that bound a cell at most: with fewer it would be larger, and seem to be missed
+_MANY, _NEAREST, _REFRESH = 64, 8, 5  # balls; of so many, those that a sample looks at in descent, for so many steps
 _ROUNDING = 1e-7  # m, that spheres are larger for what the corners' arithmetic loses
 
 
@@ -59,11 +60,11 @@ def cover_polytopes(solids: Sequence[Polytope], max_error: float, most: int = MO
         aim = max_error * (0.98 - 0.01 * turn)
         if turn:
             centers = _relaxed(solids, samples, centers, aim)[0]
-        filled = _filled(solids, samples, centers, candidates, aim)
+        filled = _filled(solids, samples, centers, candidates, aim, 1.5 * most)
         if len(filled) > 1.5 * most:
             raise TooFineError(max_error, most)
         centers = _fewer(solids, samples, filled, aim) if len(filled) > len(centers) else filled
-        found, missed = _certified(solids, centers, max_error)
+        found, missed = _certified(solids, samples, centers, max_error)
         if found is not None and len(found[1]) > most:
             raise TooFineError(max_error, most)
         if found is not None:
@@ -72,10 +73,10 @@ def cover_polytopes(solids: Sequence[Polytope], max_error: float, most: int = MO
     raise TooFineError(max_error, most)
 
 
-def rough_count(solids: Sequence[Polytope], max_error: float) -> int:
-    """About how many spheres a cover takes, from its first step; **raises** as `cover_polytopes`."""
+def rough_count(solids: Sequence[Polytope], max_error: float, most: float) -> int:
+    """About how many spheres a cover takes, from its first step, or more than `most`; **raises** as `cover_polytopes`."""
     samples, candidates = _all_samples(solids, max_error)
-    return len(_filled(solids, samples, np.zeros((0, 3)), candidates, max_error))
+    return len(_filled(solids, samples, np.zeros((0, 3)), candidates, max_error, most))
 
 
 def _all_samples(solids, max_error: float) -> tuple[np.ndarray, np.ndarray]:
@@ -92,9 +93,15 @@ def _depth(solids: Sequence[Polytope], points: np.ndarray) -> np.ndarray:
     return np.max([solid.depth(points) for solid in solids], axis=0)
 
 
-def _values(solids, samples, centers) -> np.ndarray:
-    """How far a ball round each centre [K] sticks out if it holds a sample [N]: [K, N]."""
-    return _distances(centers, samples) - _depth(solids, centers)[:, None]
+def _holds(samples, centers, radii) -> np.ndarray:
+    """Whether samples [N] are in balls [K]: [N, K]."""
+    return _powers(samples, centers, radii) <= 0
+
+
+def _powers(points, centers, radii) -> np.ndarray:
+    """The squares of the distances of points [N] from the centres of balls [K], less those of the radii: [N, K]."""
+    balls = np.c_[-2 * centers, (centers**2).sum(1) - radii**2, np.ones(len(centers))]
+    return np.c_[points, np.ones(len(points)), (points**2).sum(1)] @ balls.T
 
 
 def _distances(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -145,41 +152,43 @@ def _along_sharp_edges(corners: np.ndarray, shell, spacing: float) -> np.ndarray
     return a[which] + part[:, None] * (b - a)[which]
 
 
-def _filled(solids, samples, centers, candidates, aim) -> np.ndarray:
-    """More centres, each of the ball that holds most of the samples that none holds yet."""
+def _filled(solids, samples, centers, candidates, aim, most) -> np.ndarray:
+    """More centres, `most` and one at most, each of the ball that holds most of the samples that none holds yet."""
     if len(centers):
-        samples = samples[_values(solids, samples, centers).min(axis=0) > aim]
+        samples = samples[~_holds(samples, centers, _depth(solids, centers) + aim).any(axis=1)]
     if not len(samples):
         return centers
     candidates = _some(candidates, _CANDIDATES)
-    values = _values(solids, samples, candidates)
-    alone = (values > aim).all(axis=0)
+    depths = _depth(solids, candidates)
+    holds = _holds(samples, candidates, depths + aim)
+    alone = ~holds.any(axis=1)
     if alone.any():  # balls near some such samples, on the way to the candidate that nearly holds it, and inwards
-        rows = _some(np.flatnonzero(alone), _CANDIDATES // 2)
-        home = np.argmax([solid.depth(samples[rows]) for solid in solids], axis=0)
+        lost = samples[_some(np.flatnonzero(alone), _CANDIDATES // 2)]
+        near = candidates[(_distances(candidates, lost) - depths[:, None]).argmin(axis=0)]
+        home = np.argmax([solid.depth(lost) for solid in solids], axis=0)
         middles = np.array([solid.corners.mean(axis=0) for solid in solids])[home]
-        steps = np.concatenate([candidates[values[:, rows].argmin(axis=0)], middles]) - np.tile(samples[rows], (2, 1))
+        steps = np.concatenate([near, middles]) - np.tile(lost, (2, 1))
         length = np.linalg.norm(steps, axis=1).clip(1e-12)
-        points = np.tile(samples[rows], (2, 1)) + steps * np.minimum(1, 0.7 * aim / length)[:, None]
-        points = points[_depth(solids, points) >= 0]
+        points = np.tile(lost, (2, 1)) + steps * np.minimum(1, 0.7 * aim / length)[:, None]
+        depths = _depth(solids, points)
+        points, depths = points[depths >= 0], depths[depths >= 0]
         candidates = np.concatenate([candidates, points])
-        values = np.concatenate([values, _values(solids, samples, points)])
-    holds = (values <= aim).astype(np.float32)
-    weight, chosen = 1 / holds.sum(axis=0).clip(1), []  # samples that few balls hold count more
-    while weight.any():
-        counts = holds @ weight
-        if not counts.any():
-            break
-        chosen.append(int(np.argmax(counts)))
-        weight = weight * (holds[chosen[-1]] == 0)
+        holds = np.concatenate([holds, _holds(samples, points, depths + aim)], axis=1)
+    weight, left = 1.0 / holds.sum(axis=1).clip(1), holds.any(axis=1)  # samples that few balls hold count more
+    counts, chosen = weight @ holds, []
+    while left.any() and len(centers) + len(chosen) <= most:
+        chosen.append(int(np.argmax(counts.astype(np.float32))))  # the first of those equal but for rounding
+        new = np.flatnonzero(left & holds[:, chosen[-1]])
+        left[new] = False
+        counts -= weight[new] @ holds[new]
     return np.concatenate([centers, candidates[chosen]])
 
 
 def _fewer(solids, samples, centers, aim) -> np.ndarray:
     """Without balls that the others, moved a little, can do without."""
     while len(centers) > 1 and len(centers) * len(samples) <= _SEARCHED:
-        holds = _values(solids, samples, centers) <= aim
-        alone = (holds & (holds.sum(axis=0) == 1)).sum(axis=1)
+        holds = _holds(samples, centers, _depth(solids, centers) + aim)
+        alone = holds[holds.sum(axis=1) == 1].sum(axis=0)
         for least in np.argsort(alone)[:3]:
             rest, value = _relaxed(solids, samples, np.delete(centers, least, axis=0), aim)
             if value <= aim:
@@ -195,13 +204,14 @@ def _relaxed(solids, samples, centers, aim) -> tuple[np.ndarray, float]:
 
     Each ball descends the distance of its farthest sample less the depth of its centre, both smoothed.
     """
-    best, least, count = centers, math.inf, len(centers)
+    best, least, count, near = centers, math.inf, len(centers), None
     for turn in range(_STEPS):
         each = np.stack([solid.depth(centers) for solid in solids])
-        distance = _distances(centers, samples)
-        values = distance - each.max(axis=0)[:, None]
-        owner = values.argmin(axis=0)
-        value = float(values[owner, np.arange(len(samples))].max())
+        depths = each.max(axis=0)
+        if count > _MANY and turn % _REFRESH == 0:
+            near = _nearest(samples, centers, depths + aim, _NEAREST)
+        owner, far = _owners(samples, centers, depths, near)
+        value = float((far - depths[owner]).max())
         if value < least:
             best, least = centers, value
         if value <= aim:
@@ -209,7 +219,6 @@ def _relaxed(solids, samples, centers, aim) -> tuple[np.ndarray, float]:
         if turn in (_STEPS // 4, _STEPS // 2) and least > (1.25 if turn < _STEPS // 2 else 1.1) * aim:
             break
         scale = aim * (0.3 * (1 - turn / _STEPS) + 0.02)
-        far = distance[owner, np.arange(len(samples))]
         farthest = np.full(count, -np.inf)
         np.maximum.at(farthest, owner, far)
         weight = np.exp((far - farthest[owner]) / scale)
@@ -219,14 +228,35 @@ def _relaxed(solids, samples, centers, aim) -> tuple[np.ndarray, float]:
         home = each.argmax(axis=0)
         for s in np.unique(home):
             slack = solids[s].inner_offsets - centers[home == s] @ solids[s].inner_normals.T
-            near = np.exp(-(slack - slack.min(axis=1, keepdims=True)) / scale)
-            step[home == s] -= near / near.sum(axis=1, keepdims=True) @ solids[s].inner_normals
+            tight = np.exp(-(slack - slack.min(axis=1, keepdims=True)) / scale)
+            step[home == s] -= tight / tight.sum(axis=1, keepdims=True) @ solids[s].inner_normals
         moved = centers + scale * step
         centers = np.where((_depth(solids, moved) >= 0)[:, None], moved, centers)
     return best, least
 
 
-def _certified(solids, centers, max_error) -> tuple[Cover | None, np.ndarray]:
+def _nearest(points, centers, radii, count: int) -> np.ndarray:
+    """For each of `points` [N], the `count` balls of least power: [N, count], or [N] for one."""
+    from scipy.spatial import cKDTree
+
+    lift = np.sqrt((radii.max() ** 2 - radii**2).clip(0))  # one axis more, in which powers are distances
+    return cKDTree(np.c_[centers, lift]).query(np.c_[points, np.zeros(len(points))], count)[1]
+
+
+def _owners(samples, centers, depths, near) -> tuple[np.ndarray, np.ndarray]:
+    """The ball [N], of those `near` each sample [N, m] or of all, that sticks out least if it holds it, and how far its
+    centre is."""
+    rows = np.arange(len(samples))
+    if near is None:
+        distance = _distances(samples, centers)
+        owner = (distance - depths).argmin(axis=1)
+        return owner, distance[rows, owner]
+    distance = np.linalg.norm(samples[:, None] - centers[near], axis=2)
+    which = (distance - depths[near]).argmin(axis=1)
+    return near[rows, which], distance[rows, which]
+
+
+def _certified(solids, samples, centers, max_error) -> tuple[Cover | None, np.ndarray]:
     """The balls as small as their power cells allow, if that is small enough; else none, and the points missed."""
     depths = _depth(solids, centers)
     limits = depths + max_error - _ROUNDING
@@ -239,10 +269,15 @@ def _certified(solids, centers, max_error) -> tuple[Cover | None, np.ndarray]:
             reach[k] = max(reach[k], distance[k].max())
             continue
         power = distance**2 - limits[:, None] ** 2
+        own = samples[solid.depth(samples) >= 0]
+        owner = _nearest(own, centers, limits, 1)
+        shares = np.bincount(owner, minlength=len(centers)).clip(1)
+        middles = np.stack([np.bincount(owner, own[:, axis], len(centers)) for axis in range(3)], axis=1)
+        middles /= shares[:, None]
         for k, center in enumerate(centers):
             if (power < power[k] - 1e-9).all(axis=1).any():  # no point of the solid is in this cell
                 continue
-            corners = _cell(solid, centers, limits, k)
+            corners = _cell(solid, centers, limits, k, middles[k])
             if len(corners):
                 far = np.linalg.norm(corners - center, axis=1)
                 reach[k] = max(reach[k], far.max())
@@ -255,8 +290,10 @@ def _certified(solids, centers, max_error) -> tuple[Cover | None, np.ndarray]:
     return (centers[used], radii, max(0.0, float((radii - depths[used]).max()))), missed
 
 
-def _cell(solid: Polytope, centers, radii, k: int) -> np.ndarray:
-    """The corners of the part of a solid of which no other ball's power is less than ball k's: [V, 3], perhaps none."""
+def _cell(solid: Polytope, centers, radii, k: int, middle) -> np.ndarray:
+    """The corners of the part of a solid of which no other ball's power is less than ball k's: [V, 3], perhaps none.
+
+    `middle` is a point that may be well within it."""
     others = np.delete(np.arange(len(centers)), k)
     apart = np.linalg.norm(centers[others] - centers[k], axis=1)
     others, apart = others[apart > 1e-9], apart[apart > 1e-9]
@@ -266,7 +303,8 @@ def _cell(solid: Polytope, centers, radii, k: int) -> np.ndarray:
     power = (centers[others] ** 2).sum(1) - (centers[k] ** 2).sum() - radii[others] ** 2 + radii[k] ** 2
     normals = np.concatenate([solid.normals, normals])
     offsets = np.concatenate([solid.offsets, power / (2 * apart)])
-    inside, room = centers[k], (offsets - normals @ centers[k]).min()
+    rooms = [(offsets - normals @ point).min() for point in (centers[k], middle)]
+    inside, room = (centers[k], rooms[0]) if rooms[0] >= rooms[1] else (middle, rooms[1])
     if room < 1e-4:
         inside, room = inner_ball(normals, offsets)
     return corners_of(normals, offsets, inside) if room > 1e-7 else np.zeros((0, 3))

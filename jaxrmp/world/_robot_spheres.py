@@ -227,8 +227,8 @@ def _cover_groups(m, groups, geoms, max_error: float, most: int) -> dict[str, np
     """Covers of links rigidly joined: body of each sphere, centre in it, radius, and the error."""
     found = [_parts(m, group, geoms, max_error) for group in groups]
     least = sum(len(radii) for parts, _, _ in found for _, _, radii, _ in parts)
-    if most < MOST and least + sum(rough_count(solids, max_error) for _, solids, _ in found if solids) > 1.3 * most:
-        raise TooFineError(max_error, most)
+    if most < MOST:
+        _not_far_too_many([solids for _, solids, _ in found if solids], max_error, 1.3 * most - least)
     covers = []
     for parts, solids, homes in found:
         covers += parts
@@ -244,6 +244,15 @@ def _cover_groups(m, groups, geoms, max_error: float, most: int) -> dict[str, np
     owners, offsets, radii, errors = zip(*covers, strict=True)
     owner, offsets, radii = map(np.concatenate, (owners, offsets, radii))
     return dict(owner=owner, offsets=offsets, radii=radii, error=np.array(max(errors)))
+
+
+def _not_far_too_many(groups: list[list[Polytope]], max_error: float, most: float) -> None:
+    """**Raises** `TooFineError` if covers of `groups` will take more than `most` spheres, by a first look: the largest
+    groups come first, for they tell soonest."""
+    for solids in sorted(groups, key=lambda solids: -np.ptp(np.concatenate([s.corners for s in solids]), axis=0).max()):
+        most -= rough_count(solids, max_error, most)
+        if most < 0:
+            raise TooFineError(max_error, round(most))
 
 
 def _parts(m, group: list[int], geoms: dict[int, list[int]], max_error: float) -> tuple[list, list, list]:
