@@ -33,6 +33,8 @@ _SEARCHED, _STEPS = 150_000, 100  # balls by samples up to which balls that can 
 _ROUNDS = 30  # of cutting into cells and adding corners; later ones aim lower
 _NEIGHBOURS = 200  # balls that bound a cell at most: with fewer it would be larger, and seem to be missed
 _MANY, _NEAREST, _REFRESH = 64, 8, 5  # balls; of so many, those that a sample looks at in descent, for so many steps
+_ALIKE = 0.1  # parts of the error that solids may differ by in extent to be tried as copies
+_MIRRORS = np.stack(np.meshgrid(*[(1.0, -1.0)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)  # the first does nothing
 _ROUNDING = 1e-7  # m, that spheres are larger for what the corners' arithmetic loses
 
 
@@ -73,8 +75,34 @@ def cover_polytopes(solids: Sequence[Polytope], max_error: float, most: int = MO
     raise TooFineError(max_error, most)
 
 
+def cover_alike(
+    solids: Sequence[Polytope], known: Sequence[tuple[Sequence[Polytope], Cover]], max_error: float
+) -> Cover | None:
+    """A cover from those of other solids, `known`, of which these seem to be copies or mirror images: certified for
+    these. None if there is none."""
+    extents = _extents(solids)
+    for others, (centers, _, _) in known:
+        if len(others) != len(solids):
+            continue
+        for mirror in _MIRRORS:
+            if np.abs(np.sort(_extents(others) * mirror, axis=1) - extents).max() > _ALIKE * max_error:
+                continue
+            found, _ = _certified(solids, np.concatenate([s.corners for s in solids]), centers * mirror, max_error)
+            if found is not None:
+                return found
+    return None
+
+
+def _extents(solids: Sequence[Polytope]) -> np.ndarray:
+    """The least and the largest coordinates of each solid, [S, 2, 3]."""
+    return np.array([[solid.corners.min(axis=0), solid.corners.max(axis=0)] for solid in solids])
+
+
 def rough_count(solids: Sequence[Polytope], max_error: float, most: float) -> int:
-    """About how many spheres a cover takes, from its first step, or more than `most`; **raises** as `cover_polytopes`."""
+    """About how many spheres a cover takes, from its first step, `most` and one at most.
+
+    **Raises** as `cover_polytopes`.
+    """
     samples, candidates = _all_samples(solids, max_error)
     return len(_filled(solids, samples, np.zeros((0, 3)), candidates, max_error, most))
 
@@ -269,7 +297,7 @@ def _certified(solids, samples, centers, max_error) -> tuple[Cover | None, np.nd
             reach[k] = max(reach[k], distance[k].max())
             continue
         power = distance**2 - limits[:, None] ** 2
-        own = samples[solid.depth(samples) >= 0]
+        own = samples[(samples @ solid.normals.T <= solid.offsets + 1e-9).all(axis=1)]
         owner = _nearest(own, centers, limits, 1)
         shares = np.bincount(owner, minlength=len(centers)).clip(1)
         middles = np.stack([np.bincount(owner, own[:, axis], len(centers)) for axis in range(3)], axis=1)

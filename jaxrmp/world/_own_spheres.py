@@ -22,9 +22,11 @@ _ENOUGH, _ENOUGH_A_JOINT = 100, 6
 def own_spheres(robot: Robot, hand: str | Sequence[str] | None = None) -> RobotSpheres:
     """Spheres that cover a `robot`, from the geometry of its own file: for the built-in Panda, `panda_spheres()`.
 
-    They stick out of it by 1.5 cm at most, or by 3 or 6 where else there would be more than 100, or 6 a joint; the
-    result's `coverage_error` says. The link of the frame `hand`, or of each of several, and what it carries, which pass
-    close to things, are covered to 8 mm if possible. They are found once, and kept on disk (`spheres_from_model`).
+    They stick out of it by 1.5 cm at most, or by 3 where else there would be more than 100, or 6 a joint. Where 3 are
+    too fine, links that no joint moves, which avoid nothing by themselves, are covered to 6 cm in any number of
+    spheres, and the others again to 1.5, 3 or 6 cm. The result's `coverage_error` is that of the coarsest. The link of
+    the frame `hand`, or of each of several, and what it carries, which pass close to things, are covered to 8 mm if
+    possible. Spheres are found once, and kept on disk (`spheres_from_model`).
     **Raises** `NoGeometryError`, a `RobotError`, if the robot was read from no file or its file has no geometry,
     `RobotError` if that cannot be read (meshes that are not there), `ConfigurationError` if 6 cm are too fine,
     `UnknownNameError` for a frame that is not there.
@@ -34,19 +36,20 @@ def own_spheres(robot: Robot, hand: str | Sequence[str] | None = None) -> RobotS
     covered = list(bodies_with_geometry(model).values())
     of_robot = {name: i for i, name in enumerate(body.name for body in robot.model.bodies)}
     bodies = {name: of_robot[name] for name in covered if name in of_robot}  # of its file, it may be a branch
-    whole = _finest(model, robot.source, _FINENESS[1:], None if len(bodies) == len(covered) else tuple(bodies), most)
+    whole = _within(model, robot.source, _FINENESS[1:-1], None if len(bodies) == len(covered) else tuple(bodies), most)
+    if whole is None:
+        still = tuple(name for name in bodies if link_of(robot, name) == 0)
+        moved = tuple(name for name in bodies if name not in still)
+        parts = [_finest(model, robot.source, _FINENESS[1:], moved, most)] if moved else []
+        parts += [cover_model(model, _FINENESS[-1], still, robot.source)] if still else []
+        whole = _together(parts)
     links = {link_of(robot, name) for name in ((hand,) if isinstance(hand, str) else hand or ())}
     carried = tuple(name for name, body in bodies.items() if not links.isdisjoint(robot.model.path(body)))
     if not carried:
         return whole
     fine = _finest(model, robot.source, _FINENESS, carried, most)
     rest = whole.rows([i for i, name in enumerate(whole.frames) if name not in carried])
-    return RobotSpheres(
-        (*fine.frames, *rest.frames),
-        np.concatenate([fine.offsets, rest.offsets]),
-        np.concatenate([fine.radii, rest.radii]),
-        max(fine.coverage_error, rest.coverage_error),
-    )
+    return _together([fine, rest])
 
 
 def own_self_pairs(robot: Robot, spheres: RobotSpheres) -> tuple[tuple[int, int], ...]:
@@ -67,8 +70,23 @@ def own_self_pairs(robot: Robot, spheres: RobotSpheres) -> tuple[tuple[int, int]
     return kept
 
 
+def _together(parts: list[RobotSpheres]) -> RobotSpheres:
+    return RobotSpheres(
+        tuple(name for part in parts for name in part.frames),
+        np.concatenate([part.offsets for part in parts]),
+        np.concatenate([part.radii for part in parts]),
+        max(part.coverage_error for part in parts),
+    )
+
+
 def _finest(model: Any, source: str, fineness: tuple[float, ...], frames: Any, most: int) -> RobotSpheres:
-    for error in fineness[:-1]:
+    """Within `most` spheres as fine as possible; of the last fineness in any number."""
+    found = _within(model, source, fineness[:-1], frames, most)
+    return cover_model(model, fineness[-1], frames, source) if found is None else found
+
+
+def _within(model: Any, source: str, fineness: tuple[float, ...], frames: Any, most: int) -> RobotSpheres | None:
+    for error in fineness:
         with contextlib.suppress(TooFineError):
             return cover_model(model, error, frames, source, most)
-    return cover_model(model, fineness[-1], frames, source)
+    return None

@@ -14,7 +14,7 @@ from .._ranges import Finite, NonNegative, require_number
 from .._rotations import rotation_of_quaternion
 from ..kinematics import PANDA_MODEL, ControlPoints, Robot
 from ..kinematics._mujoco import compile_spec, import_mujoco, read_spec
-from ._cover import MOST, TooFineError, cover_capsule, cover_polytopes, rough_count
+from ._cover import MOST, TooFineError, cover_alike, cover_capsule, cover_polytopes, rough_count
 from ._cover_cache import cover_file, read_cover, write_cover
 from ._polytopes import Polytope, box, cylinder, ellipsoid, hull
 
@@ -225,15 +225,21 @@ def _hull_of_mesh(m, g: int, max_error: float) -> Polytope:
 
 def _cover_groups(m, groups, geoms, max_error: float, most: int) -> dict[str, np.ndarray]:
     """Covers of links rigidly joined: body of each sphere, centre in it, radius, and the error."""
-    found = [_parts(m, group, geoms, max_error) for group in groups]
-    least = sum(len(radii) for parts, _, _ in found for _, _, radii, _ in parts)
-    if most < MOST:
-        _not_far_too_many([solids for _, solids, _ in found if solids], max_error, 1.3 * most - least)
-    covers = []
-    for parts, solids, homes in found:
+    found, left = {}, 1.3 * most
+    for k in sorted(range(len(groups)), key=lambda k: -_extent(m, groups[k], geoms)):  # large ones tell soonest
+        found[k] = parts, solids, _ = _parts(m, groups[k], geoms, max_error)
+        left -= sum(len(radii) for _, _, radii, _ in parts)
+        if solids and most < MOST:
+            left -= rough_count(solids, max_error, left)
+        if left < 0:
+            raise TooFineError(max_error, most)
+    covers, known = [], []
+    for parts, solids, homes in (found[k] for k in range(len(groups))):
         covers += parts
         if solids:
-            centers, radii, error = cover_polytopes(solids, max_error, most)
+            cover = cover_alike(solids, known, max_error) or cover_polytopes(solids, max_error, most)
+            known.append((solids, cover))
+            centers, radii, error = cover
             owner = np.array(homes)[np.argmax([solid.depth(centers) for solid in solids], axis=0)]
             for body in sorted(set(owner.tolist())):
                 rotation, position = _pose(m, body)
@@ -246,13 +252,8 @@ def _cover_groups(m, groups, geoms, max_error: float, most: int) -> dict[str, np
     return dict(owner=owner, offsets=offsets, radii=radii, error=np.array(max(errors)))
 
 
-def _not_far_too_many(groups: list[list[Polytope]], max_error: float, most: float) -> None:
-    """**Raises** `TooFineError` if covers of `groups` will take more than `most` spheres, by a first look: the largest
-    groups come first, for they tell soonest."""
-    for solids in sorted(groups, key=lambda solids: -np.ptp(np.concatenate([s.corners for s in solids]), axis=0).max()):
-        most -= rough_count(solids, max_error, most)
-        if most < 0:
-            raise TooFineError(max_error, round(most))
+def _extent(m, group: list[int], geoms: dict[int, list[int]]) -> float:
+    return max((m.geom_rbound[g] for body in group for g in geoms[body]), default=0.0)
 
 
 def _parts(m, group: list[int], geoms: dict[int, list[int]], max_error: float) -> tuple[list, list, list]:

@@ -79,6 +79,52 @@ def test_random_hulls_of_many_and_of_few_points_that_overlap_are_covered():
     assert_covers(spheres, hulls(m))
 
 
+def test_links_of_one_mesh_or_of_its_mirror_image_are_covered_by_one_search(tmp_path, monkeypatch):
+    monkeypatch.setenv("JAXRMP_CACHE", str(tmp_path))
+    points = np.random.default_rng(2).uniform(0, 1, (40, 3)) * [0.1, 0.15, 0.3]
+    shapes = points, points * [1, -1, 1], points * [1, 1, 1.2]
+    searches = []
+    search = _robot_spheres.cover_polytopes
+    monkeypatch.setattr(_robot_spheres, "cover_polytopes", lambda *a: searches.append(a) or search(*a))
+    assets = "".join(
+        f'<mesh name="m{k}" vertex="{" ".join(map(str, np.round(v, 6).ravel()))}"/>' for k, v in enumerate(shapes)
+    )
+    links = "".join(
+        f'<body name="l{k}">{HINGE.format(f"j{k}")}<geom type="mesh" mesh="m{mesh}"/></body>'
+        for k, mesh in enumerate((0, 0, 1, 2))
+    )
+    m = mujoco.MjModel.from_xml_string(f"<mujoco><asset>{assets}</asset><worldbody>{links}</worldbody></mujoco>")
+    spheres = spheres_from_model(m, 0.02)
+    assert len(searches) == 2  # the last is another shape
+    for k, solid in enumerate(hulls(m)):
+        own = spheres.rows([i for i, name in enumerate(spheres.frames) if name == f"l{k}"])
+        rim = (np.linalg.norm(solid[:, None] - own.offsets, axis=-1) - own.radii).min(axis=1)
+        assert own.size and rim.max() <= 1e-6
+        shell = ConvexHull(solid)
+        deep = (-shell.equations[:, 3] - own.offsets @ shell.equations[:, :3].T).min(axis=1)
+        assert (own.radii - deep).max() <= spheres.coverage_error + 1e-6 <= 0.02 + 1e-6
+
+
+def test_a_body_of_many_spheres_is_covered():
+    points = np.random.default_rng(3).normal(size=(200, 3))
+    m = of_vertices(0.25 * points / np.linalg.norm(points, axis=1)[:, None] * [2, 1, 0.5])
+    spheres = spheres_from_model(m, 0.015)
+    assert 64 < spheres.size < 120
+    assert_covers(spheres, hulls(m))
+
+
+def test_links_that_no_joint_moves_take_up_no_spheres_of_those_that_move(tmp_path):
+    path = tmp_path / "robot.xml"
+    base = '<body name="base" pos="0 0 -1"><geom type="box" size="1 1 .5"/></body>'
+    path.write_text(LINKS.replace("<worldbody>", f"<worldbody>{base}"))
+    spheres = own_spheres(load_robot(path))
+    of_base = [i for i, name in enumerate(spheres.frames) if name == "base"]
+    assert len(of_base) > 100 and 0.03 < spheres.coverage_error <= 0.06
+    moved = spheres.without("base")
+    alone = spheres_from_model(path, 0.015, frames=("arm", "gripper", "camera"))
+    np.testing.assert_array_equal(moved.radii, alone.radii)
+
+
 def test_a_plate_without_thickness_is_covered():
     from jaxrmp.world._cover import cover_polytopes
     from jaxrmp.world._polytopes import hull
