@@ -32,7 +32,7 @@ _SHARP = 0.97  # cosine of the angle between facets, below which their edge is o
 _SEARCHED, _STEPS = 150_000, 100  # balls by samples up to which balls that can go are sought, by steps of descent
 _ROUNDS = 30  # of cutting into cells and adding corners; later ones aim lower
 _NEIGHBOURS = 200  # balls that bound a cell at most: with fewer it would be larger, and seem to be missed
-_MANY, _NEAREST, _REFRESH = 64, 8, 5  # balls; of so many, those that a sample looks at in descent, for so many steps
+_NEAREST, _REFRESH = 8, 5  # where there are more, balls that a sample looks at in descent, for so many steps
 _ALIKE = 0.1  # parts of the error that solids may differ by in extent to be tried as copies
 _MIRRORS = np.stack(np.meshgrid(*[(1.0, -1.0)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)  # the first does nothing
 _ROUNDING = 1e-7  # m, that spheres are larger for what the corners' arithmetic loses
@@ -202,7 +202,10 @@ def _filled(solids, samples, centers, candidates, aim, most) -> np.ndarray:
         points, depths = points[depths >= 0], depths[depths >= 0]
         candidates = np.concatenate([candidates, points])
         holds = np.concatenate([holds, _holds(samples, points, depths + aim)], axis=1)
-    weight, left = 1.0 / holds.sum(axis=1).clip(1), holds.any(axis=1)  # samples that few balls hold count more
+    weight, left = (
+        1.0 / holds.sum(axis=1).clip(1),
+        np.asarray(holds.any(axis=1)),
+    )  # samples that few balls hold count more
     counts, chosen = weight @ holds, []
     while left.any() and len(centers) + len(chosen) <= most:
         chosen.append(int(np.argmax(counts.astype(np.float32))))  # the first of those equal but for rounding
@@ -236,7 +239,7 @@ def _relaxed(solids, samples, centers, aim) -> tuple[np.ndarray, float]:
     for turn in range(_STEPS):
         each = np.stack([solid.depth(centers) for solid in solids])
         depths = each.max(axis=0)
-        if count > _MANY and turn % _REFRESH == 0:
+        if count * len(samples) > _SEARCHED and turn % _REFRESH == 0:
             near = _nearest(samples, centers, depths + aim, _NEAREST)
         owner, far = _owners(samples, centers, depths, near)
         value = float((far - depths[owner]).max())
@@ -265,10 +268,10 @@ def _relaxed(solids, samples, centers, aim) -> tuple[np.ndarray, float]:
 
 def _nearest(points, centers, radii, count: int) -> np.ndarray:
     """For each of `points` [N], the `count` balls of least power: [N, count], or [N] for one."""
-    from scipy.spatial import cKDTree
+    from scipy.spatial import KDTree
 
     lift = np.sqrt((radii.max() ** 2 - radii**2).clip(0))  # one axis more, in which powers are distances
-    return cKDTree(np.c_[centers, lift]).query(np.c_[points, np.zeros(len(points))], count)[1]
+    return np.asarray(KDTree(np.c_[centers, lift]).query(np.c_[points, np.zeros(len(points))], count)[1])
 
 
 def _owners(samples, centers, depths, near) -> tuple[np.ndarray, np.ndarray]:

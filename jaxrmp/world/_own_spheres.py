@@ -40,7 +40,8 @@ def own_spheres(robot: Robot, hand: str | Sequence[str] | None = None) -> RobotS
     if whole is None:
         still = tuple(name for name in bodies if link_of(robot, name) == 0)
         moved = tuple(name for name in bodies if name not in still)
-        parts = [_finest(model, robot.source, _FINENESS[1:], moved, most)] if moved else []
+        fineness = _FINENESS[1:] if still else _FINENESS[-1:]
+        parts = [_finest(model, robot.source, fineness, moved, most)] if moved else []
         parts += [cover_model(model, _FINENESS[-1], still, robot.source)] if still else []
         whole = _together(parts)
     links = {link_of(robot, name) for name in ((hand,) if isinstance(hand, str) else hand or ())}

@@ -188,8 +188,8 @@ def cover_model(m: Any, max_error: float, only: Sequence[str] | None, source: st
 
 
 def bodies_with_geometry(m: Any) -> dict[int, str]:
-    """The bodies of a `mujoco.MjModel` that have geometry, by their indices."""
-    return {int(b): m.body(b).name or f"body_{b}" for b in np.unique(m.geom_bodyid) if b > 0}
+    """The bodies of a `mujoco.MjModel` that have geometry to cover, by their indices."""
+    return {int(b): m.body(b).name or f"body_{b}" for b in np.unique(m.geom_bodyid) if b > 0 and _geometry(m, b)}
 
 
 def _geometry(m, body: int) -> list[int]:
