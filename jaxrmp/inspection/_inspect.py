@@ -51,7 +51,7 @@ def inspect(tree: Node, q: jax.Array, qd: jax.Array, method: Method = "cholesky"
     >>> found.names, found.force_share.round(3).tolist()
     (('posture', 'damping'), [1.0, 0.0])
     """
-    groups = tree.accept(RowsOfLeaves(), (q, qd))
+    groups = [rows.dense() for rows in tree.accept(RowsOfLeaves(), (q, qd))]
     names = ("f", "M", "gap", "energy", "dissipation")
     found = {name: jnp.concatenate([getattr(rows, name) for rows in groups]) for name in names}
     f, M = found["f"], found["M"]

@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._forms import DiagonalForm
 from .._linalg import einsum, matmul
 from .._pytree import pytree, static
 from .._task_map import pushforward
@@ -19,7 +20,8 @@ class Rows:
 
     `f` [R, ..., m] and `M` [R, ..., m, m] as forms on the node's space; `x`, `xd` [R, ...]; `energy`, `dissipation`,
     `gap` [R]. Where the node's space is one of points, `at` says which point each row acts on, as index arrays [R], one
-    for each axis of points; empty if every row acts on all of them.
+    for each axis of points; empty if every row acts on all of them. `diagonal`: M is the diagonals [R, ..., m] alone,
+    of leaves on thousands of distances, say.
     """
 
     f: jax.Array
@@ -32,6 +34,13 @@ class Rows:
     names: tuple[str, ...] = static()
     certified: bool = static()
     at: tuple[tuple[int, ...], ...] = static(default=())
+    diagonal: bool = static(default=False)
+
+    def dense(self) -> "Rows":
+        """The same with matrices for M."""
+        if not self.diagonal:
+            return self
+        return replace(self, M=DiagonalForm(self.f, self.M).dense().M, diagonal=False)
 
 
 class RowsOfLeaves(Gather):
@@ -39,9 +48,10 @@ class RowsOfLeaves(Gather):
 
     def visit_leaf(self, leaf, state):
         form, energy, dissipation = leaf.measure(*state)
-        form = form.dense()
-        values = (form.f, form.M, *state, energy, dissipation, leaf.gap(state[0]))
-        return (Rows(*(a[None] for a in values), names=(leaf.name,), certified=leaf.certified),)
+        diagonal = isinstance(form, DiagonalForm)
+        M = jnp.broadcast_to(form.d, form.f.shape) if isinstance(form, DiagonalForm) else form.M
+        values = (form.f, M, *state, energy, dissipation, leaf.gap(state[0]))
+        return (Rows(*(a[None] for a in values), names=(leaf.name,), certified=leaf.certified, diagonal=diagonal),)
 
     def visit_pullback(self, task_map, node, state):
         there = pushforward(task_map, *state)
@@ -62,12 +72,14 @@ def _pulled_back(rows: Rows, there, domain_axes: int) -> Rows:
     """`f = J^T (f_y - M_y c)`, `M = J^T M_y J`, row by row; summed over points if the domain is one vector."""
     at = tuple(np.asarray(index) for index in rows.at) or None
     J, c = there.J[at], there.c[at]  # indexed by None, they get one axis for all rows
-    f = einsum("...ij,...i->...j", J, rows.f - einsum("...ij,...j->...i", rows.M, c))
-    M = matmul(matmul(jnp.swapaxes(J, -1, -2), rows.M), J)
+    Mc = rows.M * c if rows.diagonal else einsum("...ij,...j->...i", rows.M, c)
+    MJ = rows.M[..., None] * J if rows.diagonal else matmul(rows.M, J)
+    f = einsum("...ij,...i->...j", J, rows.f - Mc)
+    M = matmul(jnp.swapaxes(J, -1, -2), MJ)
     if domain_axes > 1:
-        return replace(rows, f=f, M=M)
+        return replace(rows, f=f, M=M, diagonal=False)
     points = tuple(range(1, f.ndim - 1))
-    return replace(rows, f=f.sum(points), M=M.sum(points), at=())
+    return replace(rows, f=f.sum(points), M=M.sum(points), at=(), diagonal=False)
 
 
 def _point_by_point(rows: Rows) -> Rows:

@@ -238,6 +238,12 @@ def test_a_node_of_another_kind_is_evaluated_certified_inspected_and_mapped():
     np.testing.assert_allclose(off(q, qd).f, 0.7 * two(q, qd).f, rtol=1e-12)
 
 
+def test_a_leaf_on_many_coordinates_makes_no_matrix_of_them():
+    wide = Affine(np.ones((700, 2)), np.zeros(700))
+    program = jax.make_jaxpr(lambda q: inspect(pullback(wide, Posture(jnp.zeros(700))), q, q).M)(jnp.ones(2))
+    assert max(np.prod(v.aval.shape) for e in program.eqns for v in e.outvars) <= 700 * 2 * 2
+
+
 def test_at_rest_without_forces_shares_and_gradients_are_finite():
     drag, zero = Drag(), jnp.zeros(N)
     found = inspect(drag, zero, zero)
