@@ -2,6 +2,7 @@
 
 import functools
 import os
+import weakref
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -17,6 +18,8 @@ from ..kinematics._mujoco import compile_spec, import_mujoco, read_spec
 from ._cover import MOST, TooFineError, cover_alike, cover_capsule, cover_polytopes, rough_count
 from ._cover_cache import cover_file, read_cover, write_cover
 from ._polytopes import Polytope, box, cylinder, ellipsoid, hull
+
+_known: dict[int, dict[tuple, Any]] = {}  # geometry by the identity of a robot's kinematic model
 
 
 @pytree
@@ -123,8 +126,9 @@ def geometry_of_model(
     """The compiled MuJoCo model of a file, `source`, with all its bodies and geometry, for what needs no physics: every
     body has the same inertia, and textures are left out.
 
-    `source` may be a `Robot` that was read from a file; `packages`, see `load_robot`, by default the robot's; `looks`,
-    whether a URDF's visual geometry is wanted, too, of links that have collision geometry.
+    `source` may be a `Robot` that was read from a file, of which the same model is given each time, not to be changed:
+    its meshes are read once; `packages`, see `load_robot`, by default the robot's; `looks`, whether a URDF's visual
+    geometry is wanted, too, of links that have collision geometry.
     **Raises** `RobotError` if the file, or a mesh that it names, is not there or cannot be read, `NoGeometryError` for
     a robot that was read from text.
     """
@@ -133,7 +137,14 @@ def geometry_of_model(
             raise NoGeometryError(
                 f"{source.name!r} was read from no file that could have its geometry: load it from one or pass spheres."
             )
-        source, packages = source.source, dict(source.model.packages) | dict(packages or {})
+        file, packages = source.source, dict(source.model.packages) | dict(packages or {})
+        asked = (*sorted(packages.items()), looks)
+        known = _known.setdefault(id(source.model), {})
+        if not known:  # as long as the robot is there, for files may change before it is loaded again
+            weakref.finalize(source.model, _known.pop, id(source.model), None)
+        if asked not in known:
+            known[asked] = geometry_of_model(file, packages, looks=looks)
+        return known[asked]
     spec = read_spec(source, packages, looks=looks, physics=False)
     spec.compiler.fusestatic = spec.compiler.discardvisual = False
     return compile_spec(spec, str(source), "cannot be read with its geometry")

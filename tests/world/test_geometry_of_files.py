@@ -198,3 +198,12 @@ def test_a_robot_that_moves_on_disk_says_that_its_geometry_is_gone(arm, tmp_path
     shutil.rmtree(tmp_path / "robots")
     with pytest.raises(RobotError, match="there is no such file"):
         geometry_of_model(robot)
+
+
+def test_the_geometry_of_a_robot_is_read_once_and_anew_when_it_is_loaded_again(arm):
+    path = arm("<collision><geometry><sphere radius='0.1'/></geometry></collision>")
+    robot = load_robot(path)
+    once = geometry_of_model(robot)
+    assert geometry_of_model(robot) is once and geometry_of_model(robot, looks=True) is not once
+    path.write_text(path.read_text().replace("0.1", "0.2"))
+    assert geometry_of_model(load_robot(path)).geom_size[0, 0] == 0.2
