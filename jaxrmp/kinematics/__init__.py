@@ -9,8 +9,10 @@ from ._frame_axes import FrameAxes as FrameAxes
 from ._frame_axes import FrameRotation as FrameRotation
 from ._geometric_jacobian import geometric_jacobian as geometric_jacobian
 from ._hand_frame import hand_frame as hand_frame
+from ._hand_frame import idle_joints as idle_joints
 from ._load import load_robot as load_robot
 from ._load import load_robot_from_string as load_robot_from_string
+from ._moving_links import on_moving_links as on_moving_links
 from ._panda import PANDA_MODEL as PANDA_MODEL
 from ._panda import panda as panda
 from ._position import Position as Position

@@ -29,9 +29,8 @@ def hand_frame(robot: Robot) -> str:
     """
     model = robot.model
     finger = fingers_of(model)
-    above = [_above(model, frame.body) for frame in model.frames]
-    count = [len(set(joints) - finger) for joints in above]
-    deepest = [k for k, n in enumerate(count) if n == max(count)]
+    above = [model.joints_above(frame.body) for frame in model.frames]
+    deepest = _deepest(above, finger)
     still = [k for k in deepest if finger.isdisjoint(above[k])] or deepest
     names = [model.frames[k].name for k in still]
     names = [name for name in names if not _NO_HAND.search(name)] or names
@@ -41,21 +40,38 @@ def hand_frame(robot: Robot) -> str:
     return names[-1]
 
 
-def _above(model: KinematicModel, body: int) -> list[int]:
-    """The moving joints between the world and a body."""
-    return [i for b in model.path(body) for i in model.joints_of_body[b] if model.joints[i].coordinate >= 0]
+def idle_joints(robot: Robot, hand: str | None = None) -> tuple[str, ...]:
+    """The moving joints of `robot` that move neither the frame `hand`, by default `hand_frame`'s, nor a hand of another
+    arm with as many joints: fingers, wheels, a head, in the file's order. A policy for hands leaves them where they
+    are, so they may be locked: `load_robot(..., fixed=dict.fromkeys(idle_joints(robot)))`.
+
+    **Raises** `UnknownNameError` for a frame that is not there.
+    """
+    model = robot.model
+    finger = fingers_of(model)
+    above = [model.joints_above(frame.body) for frame in model.frames]
+    used = set().union(*(above[k] for k in _deepest(above, finger))) - finger
+    used |= set(above[robot.frame_index(hand or hand_frame(robot))])
+    leaders = {model.joints[i].coordinate for i in used}
+    return tuple(name for i, name in enumerate(robot.joint_names) if i not in leaders)
+
+
+def _deepest(above: list[list[int]], finger: set[int]) -> list[int]:
+    """Which of the frames, by the joints `above` them, the most joints move, fingers' not counted."""
+    count = [len(set(joints) - finger) for joints in above]
+    return [k for k, n in enumerate(count) if n == max(count)]
 
 
 def fingers_of(model: KinematicModel) -> set[int]:
     """Joints that are called fingers, or that are on three branches or more, all short, at the end of an arm."""
     fingers = {i for i, joint in enumerate(model.joints) if _FINGER.search(joint.name)}
     for palm in range(1, len(model.bodies)):
-        arm = len(_above(model, palm))
+        arm = len(model.joints_above(palm))
         branches: dict[int, set[int]] = {}
         for body in range(palm + 1, len(model.bodies)):
             path = model.path(body)
             if palm in path[:-1]:
-                branches.setdefault(path[path.index(palm) + 1], set()).update(_above(model, body)[arm:])
+                branches.setdefault(path[path.index(palm) + 1], set()).update(model.joints_above(body)[arm:])
         moving = [joints for joints in branches.values() if joints]
         if arm >= _ARM and len(moving) >= _HAND and all(len(joints) <= _FINGER_JOINTS for joints in moving):
             fingers.update(*moving)

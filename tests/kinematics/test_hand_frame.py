@@ -1,8 +1,10 @@
 """The hand that is taken where nobody names one."""
 
+import numpy as np
 import pytest
 
-from jaxrmp.kinematics import hand_frame, load_robot_from_string, panda
+from jaxrmp import UnknownNameError
+from jaxrmp.kinematics import ControlPoints, hand_frame, idle_joints, load_robot_from_string, on_moving_links, panda
 
 
 def arm(hand):
@@ -39,6 +41,36 @@ HANDS = {
 def test_hands(what):
     hand, expected = HANDS[what]
     assert hand_frame(arm(hand)) == expected
+
+
+def test_joints_that_move_no_hand():
+    def side(name, more=""):
+        links = "".join(
+            f'<body name="{name}{i}" pos=".1 0 .1"><joint name="{name}{i}" axis="0 1 0"/>' for i in range(4)
+        )
+        return f"{links}<body name='{name}_hand'>{finger(f'{name}_l', f'{name}_jaw')}</body>{more}{'</body>' * 4}"
+
+    head = '<body name="head"><joint name="nod" axis="0 1 0"/></body>'
+    wheel = '<body name="wheel"><joint name="roll" axis="0 1 0"/></body>'
+    robot = load_robot_from_string(
+        '<mujoco><worldbody><body name="base"><joint name="lift" type="slide" axis="0 0 1"/>'
+        f"{wheel}{side('left')}{side('right')}{head}</body></worldbody></mujoco>"
+    )
+    assert hand_frame(robot) == "right_hand"
+    assert idle_joints(robot) == ("roll", "left_jaw", "right_jaw", "nod")
+    assert idle_joints(robot, "head") == ("roll", "left_jaw", "right_jaw")
+    with pytest.raises(UnknownNameError, match="tail"):
+        idle_joints(robot, "tail")
+
+
+def test_points_of_what_is_rigidly_joined_are_points_of_the_link_that_a_joint_moves():
+    robot, frames = panda(), ("panda_hand_tcp", "panda_link7", "panda_link0")
+    offsets = np.array([[0.1, -0.2, 0.3], [0.0, 0.1, 0.0], [0.2, 0.0, 0.1]])
+    links, moved = on_moving_links(robot, frames, offsets)
+    assert links[:2] == ("panda_link7", "panda_link7") and links[2] not in robot.joint_names
+    q = np.linspace(-0.5, 0.5, 7)
+    points = [ControlPoints(robot, *given)(q) for given in ((frames, offsets), (links, moved))]
+    np.testing.assert_allclose(*points, atol=1e-6)
 
 
 def test_the_panda():
