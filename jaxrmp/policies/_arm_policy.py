@@ -14,10 +14,13 @@ from .._rotations import pose
 from .._tree import Leaf, Node, on_coordinates
 from ..kinematics import Robot
 from ..leaves import CollisionAvoidance, OrientationAttractor
-from ..world import RobotSpheres, World, own_spheres
+from ..world import RobotSpheres, World, own_self_pairs, own_spheres
 from ._distances import AVOIDANCE, avoidance, self_avoidance
-from ._hand import HandGoal
+from ._hand import HAND_ORIENTATION, HandGoal
 from ._joints import NOTHING, damping, joint_limits, posture, velocity_limits
+from ._lean_spheres import lean
+
+_POSE = 6  # coordinates of a pose
 
 
 @pytree
@@ -129,7 +132,9 @@ def reaching_policy(
 
     With several hands, H names, each has its own target, [H, 4, 4] in all, and all are taken there at once: joints that
     move more than one, such as a torso's, settle where the hands' pulls are in balance.
-    The gains suit an arm of about a metre and steps of 1 ms; the policy is in single precision.
+    A hand that fewer than six joints move cannot have every pose: its turn has a tenth of the weight then, so that it
+    gets to the target's position to a millimetre or two, and turns as far as the joints allow. The gains suit an arm of
+    about a metre and steps of 1 ms; the policy is in single precision.
 
     **Arguments**: `robot`; `rest`, see `posture`; `spheres`, see `whole_arm_policy`; `self_collision`, whether its
     links keep off each other. **Raises** `UnknownNameError` for a frame that is not there, `ConfigurationError` for no
@@ -139,15 +144,24 @@ def reaching_policy(
     hands = tuple(hand) if several else (hand,)
     if not hands or len(set(hands)) < len(hands):
         raise ConfigurationError(f"hand is {hand!r}, expected at least one frame, and each once.")
-    for name in hands:
-        robot.frame_index(name)
+    tasks = tuple(_reaching(robot, name) for name in hands)
     spheres = spheres or _spheres_of(robot)
     always = joint_limits(robot) + velocity_limits(robot) + posture(robot, rest) + damping()
-    if self_collision:
-        always = self_avoidance(robot, spheres) + always
-    tasks, moving = tuple(HandGoal(np.eye(4), name) for name in hands), spheres and spheres.moving(robot)
+    if spheres and spheres.size:
+        pairs = own_self_pairs(robot, spheres) if self_collision else ()
+        spheres, own, pairs = lean(robot, spheres, pairs)
+        always = self_avoidance(robot, own, pairs) + always if pairs else always
+    moving = spheres and spheres.moving(robot)
     target_of = tuple(range(len(hands))) if several else ()
     return single(ArmPolicy(robot, tasks, always, moving, target_of=target_of, common=False))
+
+
+def _reaching(robot: Robot, hand: str) -> HandGoal:
+    """A hand at the target, turned so as far as its joints allow."""
+    joints = robot.model.joints_above(robot.model.frames[robot.frame_index(hand)].body)
+    posed = len({robot.model.joints[i].coordinate for i in joints}) >= _POSE
+    turn = HAND_ORIENTATION if posed else replace(HAND_ORIENTATION, weight=0.1 * HAND_ORIENTATION.weight)
+    return HandGoal(np.eye(4), hand, orientation=turn)
 
 
 def _spheres_of(robot: Robot, hands: Sequence[str] = ()) -> RobotSpheres | None:
