@@ -131,6 +131,9 @@ def outcome_table(report: dict[str, Any]) -> str:
             f"torque limits cut in in {len(saturated)} trials, at most {worst['saturated']:.1%} of the time (trial "
             f"{worst['trial']}): {', '.join(joints)}"
         )
+    if ignored := [t["trial"] for t in report["per_trial"] if t["ignored"]]:
+        most = max(t["ignored"] for t in report["per_trial"])
+        lines.append(f"obstacles that are not finite were ignored in {len(ignored)} trials, up to {most}: {ignored}")
     lines.append(f"{report['successes']} of {report['trials']} trials succeeded in scene {report['scene']}")
     return "\n".join(lines)
 

@@ -131,6 +131,7 @@ class LiveTrial(PhysicalArm):
             saturated_joints=tuple(np.array(self.scene.robot.joint_names)[self._cut_joints].tolist()),
             velocity_limited=self._limited / steps,
             braked_s=self._braked * self._dt,
+            ignored=int(self.scene.obstacles().ignored),
         )
 
     def _record(self) -> None:

@@ -48,7 +48,8 @@ class Outcome(NamedTuple):
     `final_error_m`, what is left to the goal, m; `final_angle_deg`, degrees, NaN where no angle is judged;
     `min_clearance_m`, least distance to what must not be touched, m; `time_s`; `saturated`, the share of steps in which
     a torque limit cut in, and `saturated_joints`, at which joints; `velocity_limited`, the share in which a velocity
-    limit did; `braked_s`, s without a pose to go by.
+    limit did; `braked_s`, s without a pose to go by; `ignored`, how many of the obstacles that the policy was told of
+    are not finite, and were ignored.
     """
 
     end: End
@@ -61,6 +62,7 @@ class Outcome(NamedTuple):
     saturated_joints: tuple[str, ...]
     velocity_limited: float
     braked_s: float
+    ignored: int = 0
 
     @property
     def success(self) -> bool:

@@ -1,5 +1,6 @@
 """Trials in native MuJoCo, with small policies in place of learned ones."""
 
+from dataclasses import dataclass, fields
 from typing import Any
 
 import jax
@@ -9,6 +10,7 @@ import pytest
 from jax.tree_util import Partial
 
 from jaxrmp import Batched, ConfigurationError, UnknownNameError, acceleration, pullback, pytree, scenes
+from jaxrmp.cli._run import outcome_table, report_dict
 from jaxrmp.kinematics import ControlPoints, panda
 from jaxrmp.leaves import Damping, Learned, Posture
 from jaxrmp.simulation import (
@@ -20,6 +22,7 @@ from jaxrmp.simulation import (
     sample_trials,
     with_held,
 )
+from jaxrmp.world import Spheres, World
 
 HOME = np.array([0.0, -0.8, 0.0, -2.4, 0.0, 1.6, 0.8], np.float32)
 AWAY = HOME + np.array([0.3, 0.2, -0.2, 0.3, 0.2, -0.2, 0.4], np.float32)
@@ -61,6 +64,19 @@ def test_every_interface_takes_the_arm_where_the_policy_wants(scene, interface):
     np.testing.assert_allclose(trace.q[-1], AWAY, atol=0.01)
     assert not outcome.success and outcome.reason.startswith("not closed after 2 s: open by 150")
     assert outcome.saturated == 0 and outcome.final_error_m == pytest.approx(0.15, abs=1e-3)
+
+
+@pytest.mark.filterwarnings("ignore:some rows")
+def test_obstacles_that_are_not_finite_are_counted(scene):
+    @dataclass(frozen=True, eq=False)
+    class Seen(type(scene)):
+        def obstacles(self, T_world_object=None):
+            return World(spheres=Spheres.of([((np.nan, 0, 0), 0.1), ((9, 9, 9), 0.1)]))
+
+    seen = Seen(**{f.name: getattr(scene, f.name) for f in fields(scene)})
+    run = run_trials(seen, policy(), [trial(scene)], limit=0.01)
+    assert run.outcomes[0].ignored == 1
+    assert "not finite were ignored in 1 trials, up to 1: [0]" in outcome_table(report_dict(run))
 
 
 def test_saturation_is_reported_and_obeyed(scene):
