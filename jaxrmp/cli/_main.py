@@ -45,4 +45,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _show_warning(message, category, filename, lineno, file=None, line=None) -> None:
     if issubclass(category, UserWarning):
-        print(f"jaxrmp: {message}", file=sys.stderr)
+        from ._output import tell
+
+        tell(str(message))

@@ -5,6 +5,7 @@ import json
 import math
 import platform
 import sys
+import threading
 from collections.abc import Callable, Iterator, Mapping
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -39,13 +40,31 @@ def progress_bar(quiet: bool = False) -> Iterator[Callable[[str, float], None]]:
 
     layout = "{desc:<14} {percentage:3.0f} %|{bar}| {elapsed}"
     with tqdm(total=1.0, bar_format=layout, file=sys.stderr, leave=False) as bar:
+        done = threading.Event()
 
         def show(step: str, fraction: float) -> None:
             bar.set_description_str(step, refresh=False)
             bar.n = fraction
             bar.refresh()
 
-        yield show
+        def tick() -> None:  # the seconds go on where a step says nothing for long
+            while not done.wait(0.5):
+                bar.refresh()
+
+        ticking = threading.Thread(target=tick, daemon=True)
+        ticking.start()
+        try:
+            yield show
+        finally:
+            done.set()
+            ticking.join()
+
+
+def tell(message: str) -> None:
+    """A line on stderr, above the progress bar if there is one."""
+    tqdm = sys.modules.get("tqdm")
+    with tqdm.tqdm.external_write_mode(file=sys.stderr) if tqdm else contextlib.nullcontext():
+        print(f"jaxrmp: {message}", file=sys.stderr, flush=True)
 
 
 def write_json(content: Any, path: Path) -> None:

@@ -1,18 +1,21 @@
 """Where robots and demonstrations come from, as named on the command line."""
 
 import os
+import warnings
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from .._errors import ConfigurationError, DemonstrationError
-from ..kinematics import Robot, load_robot
+from ..kinematics import Robot, idle_joints, load_robot
 from ..learning import DemonstrationSet, Skill, load_demonstrations, load_skill
 from ..scenes import Scene, scene
 from ..synthetic import SYNTHETIC_TASKS, synthetic_demonstrations
+from ._output import tell
 
 SYNTHETIC = "synthetic:"
+_NAMED = 6  # locked joints that are named
 
 
 def skill_and_robot(file: str | os.PathLike, named: str | None) -> tuple[Skill, Robot]:
@@ -25,19 +28,21 @@ def skill_and_robot(file: str | os.PathLike, named: str | None) -> tuple[Skill, 
     return replace(skill, configuration=replace(skill.configuration, robot=named)) if named else skill, robot
 
 
-def robot_of(named: str | None, fix: list[str] | None) -> str | Robot:
-    """The robot of a file with the joints of `--fix PATTERN[=VALUE]` locked, or its name where there is none to lock.
+def robot_of(named: str | None, fix: list[str] | None, hand: str | None) -> str | Robot:
+    """The robot of a file for a page that moves the frame `hand`: the joints of `--fix PATTERN[=VALUE]` locked, and
+    those that move no hand, which are told; or the name of the built-in robot.
 
-    **Raises** `ConfigurationError` for a value that is no number, else as `load_robot`.
+    **Raises** `ConfigurationError` for a value that is no number, `UnknownNameError` for a frame that is not there,
+    else as `load_robot`.
     """
-    if not fix:
-        return named or "panda"
     if named in (None, "panda"):
-        raise ConfigurationError(
-            "--fix is for a robot of a file: --robot FILE. The built-in Panda's fingers are locked."
-        )
+        if fix:
+            raise ConfigurationError(
+                "--fix is for a robot of a file: --robot FILE. The built-in Panda's fingers are locked."
+            )
+        return "panda"
     fixed = {}
-    for given in fix:
+    for given in fix or ():
         pattern, _, value = given.partition("=")
         try:
             fixed[pattern] = float(value) if value else None
@@ -45,7 +50,15 @@ def robot_of(named: str | None, fix: list[str] | None) -> str | Robot:
             raise ConfigurationError(
                 f"--fix {given}: {value!r} is no number. Expected PATTERN=VALUE, rad or m."
             ) from error
-    return load_robot(named, fixed=fixed)
+    robot = load_robot(named, fixed=fixed)
+    idle = idle_joints(robot, hand)
+    if not idle:
+        return robot
+    more = f", and {len(idle) - _NAMED} more" if len(idle) > _NAMED else ""
+    tell(f"locked, for they move no hand: {', '.join(idle[:_NAMED])}{more}. --fix PATTERN=VALUE says where.")
+    with warnings.catch_warnings():  # given once
+        warnings.simplefilter("ignore")
+        return load_robot(named, fixed={**dict.fromkeys(idle), **fixed})
 
 
 def scene_of(named: str, skill: Skill) -> Scene:

@@ -1,26 +1,32 @@
 """`jaxrmp view`: a policy running live on a page."""
 
 import argparse
-import sys
+from collections.abc import Callable
 
 from .._errors import ConfigurationError, DemonstrationError
 from ..learning import prepare
 from ..viewer import Viewer, reach_content, skill_content
+from ._output import tell
 from ._pages import show
 from ._sources import demonstrations_of, robot_of, scene_of, skill_and_robot
 
 
 def run(arguments: argparse.Namespace, rest: list[str]) -> None:
-    show(_viewer(arguments), arguments.until_closed, "Drag the goal, push the arm, turn its gains.")
+    hint = "Drag the goal of {hand}, push the arm, turn its gains."
+    show(lambda progress: _viewer(arguments, progress), arguments, hint)
 
 
-def _viewer(arguments: argparse.Namespace) -> Viewer:
+def _viewer(arguments: argparse.Namespace, progress: Callable[[str, float], None]) -> Viewer:
+    progress("reading", 0.0)
     if arguments.skill is None:
         if arguments.scene or arguments.demos:
             raise ConfigurationError("--scene and --demos belong to a skill: give SKILL, or leave them out.")
         balls = 1 if arguments.balls is None else arguments.balls
-        robot = robot_of(arguments.robot, arguments.fix)
-        return Viewer(reach_content(robot, arguments.frame, balls=balls), arguments.port)
+        robot = robot_of(arguments.robot, arguments.fix, arguments.frame)
+        progress("covering", 0.1)
+        content = reach_content(robot, arguments.frame, balls=balls)
+        progress("drawing", 0.4)
+        return Viewer(content, arguments.port)
     if arguments.frame or arguments.fix:
         raise ConfigurationError(
             "--frame and --fix are for the hand-designed policy: a skill has its control points and its robot. Leave "
@@ -34,7 +40,9 @@ def _viewer(arguments: argparse.Namespace) -> Viewer:
     except DemonstrationError as error:
         if arguments.demos:
             raise
-        print(f"jaxrmp: without demonstrations: {error}", file=sys.stderr)
+        tell(f"without demonstrations: {error}")
+    progress("covering", 0.1)
     balls = (0 if place is not None else 1) if arguments.balls is None else arguments.balls
     content = skill_content(skill, robot, prepared, scene=place, balls=balls)
+    progress("drawing", 0.4)
     return Viewer(content, arguments.port, skill=skill, prepared=prepared)

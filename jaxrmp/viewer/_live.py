@@ -5,16 +5,17 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from .._forms import NaturalForm, resolve
 from .._linalg import matmul
-from .._pytree import pytree
+from .._pytree import pytree, static
 from .._task_map import pushforward
 from .._tree import Batched, Node, pullback
-from ..inspection import Inspection, inspect
+from ..inspection import inspect
 from ..kinematics import ControlPoints, frame_poses
 from ..simulation import Motion, euler
-from ..world import World
+from ..world import World, ignored_in
 from ._push import Push
 from ._switched import switched
 
@@ -72,11 +73,35 @@ def advance(situation: Situation, motion: Motion, steps: jax.Array, frames: tupl
     return Reading(end, frame_poses(situation.policy.robot, end.q, frames), energy, dissipated)
 
 
-@partial(jax.jit, static_argnames="hand")
-def examine(situation: Situation, motion: Motion, hand: str) -> tuple[Inspection, jax.Array]:
-    """The leaves at one state, and how heavy the hand is: the mean of the policy's metric seen from it,
-    `(J M^-1 J^T)^-1`."""
+@pytree
+class Look:
+    """What `examine` tells of each of S leaves: `share` [S] in the force at the joints; `gap` [S], the least distance
+    to what it is about, m, infinite without. And `weight`, how heavy the hand is; `ignored`, how many obstacles are not
+    finite; `uncertified`, the names of leaves that have no certificate."""
+
+    share: jax.Array
+    gap: jax.Array
+    weight: jax.Array
+    ignored: jax.Array
+    uncertified: tuple[str, ...] = static()
+
+
+@partial(jax.jit, static_argnames=("hand", "leaves"))
+def examine(situation: Situation, motion: Motion, hand: str, leaves: tuple[str, ...]) -> Look:
+    """A look at what the `leaves` do at one state, points of a batched one as one. The hand's weight is the mean of the
+    policy's metric seen from it, `(J M^-1 J^T)^-1`. A row for each point stays within the program: there can be
+    ten thousand."""
     found = inspect(situation.tree(hand), motion.q, motion.qd)
     J = pushforward(ControlPoints(situation.policy.robot, (hand,)), motion.q, motion.qd).J[0]
     mobility = matmul(J, resolve(NaturalForm(J, jnp.broadcast_to(found.M.sum(0), (3, *found.M.shape[1:])))).T)
-    return found, 3 / jnp.trace(mobility)
+    index = {name: k for k, name in enumerate(leaves)}
+    row = np.array([index.get(name, index.get(name.partition("[")[0], len(leaves))) for name in found.names])
+    total = partial(jax.ops.segment_sum, segment_ids=row, num_segments=len(leaves) + 1)
+    least = partial(jax.ops.segment_min, segment_ids=row, num_segments=len(leaves) + 1)
+    return Look(
+        share=total(found.force_share)[:-1],
+        gap=least(jnp.where(jnp.isnan(found.gap), jnp.inf, found.gap))[:-1],
+        weight=3 / jnp.trace(mobility),
+        ignored=ignored_in(situation),
+        uncertified=tuple(dict.fromkeys(n for n, sure in zip(found.names, found.certified, strict=True) if not sure)),
+    )

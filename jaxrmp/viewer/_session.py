@@ -17,7 +17,7 @@ from ._arm import ArmView
 from ._furniture import FurnitureView, camera_of
 from ._inputs import GainSliders, LeafSwitches
 from ._lines import Trace
-from ._live import Situation, examine
+from ._live import Look, Situation, examine
 from ._loop import Frame, LiveLoop
 from ._obstacles import ObstacleGizmos
 from ._plots import Plots
@@ -69,6 +69,7 @@ class Session:
         self._opened = threading.Event()  # whether there ever was a page
         server.on_client_connect(lambda _: self._opened.set())
         self._failure: BaseException | None = None
+        self._ignored = 0  # obstacles that are not finite
         try:
             self._build(server, folder)
         except BaseException:
@@ -266,44 +267,41 @@ class Session:
         rates = frame.rates
         running = f"{rates.steps:,.0f} steps/s" if self.loop.playing else "paused"
         late = f" · **{rates.lost:.1f} s behind**" if rates.lost > 0.05 else ""
-        return f"**{running}** · real time ×{rates.factor:.2f} · {updates} updates/s{late}"
+        rows = "1 obstacle" if self._ignored == 1 else f"{self._ignored} obstacles"
+        ignored = f" · **{rows} not finite, ignored**" if self._ignored else ""
+        return f"**{running}** · real time ×{rates.factor:.2f} · {updates} updates/s{late}{ignored}"
 
     def _look(self) -> None:
         """Ask the leaves what they do, a few times a second, and plot it."""
         at = time.monotonic()
         while not self._end.is_set():
             frame = self.loop.frame
-            self.look(frame, *self._examined(frame.situation, frame.q, frame.qd))
+            self.look(frame, self._examined(frame.situation, frame.q, frame.qd))
             at = max(at + _LOOKS, time.monotonic())
             self._end.wait(at - time.monotonic())
 
-    def _examined(self, situation: Situation, q: np.ndarray, qd: np.ndarray) -> tuple[Any, float]:
+    def _examined(self, situation: Situation, q: np.ndarray, qd: np.ndarray) -> Look:
         q, qd = np.asarray(q, np.float32), np.asarray(qd, np.float32)
-        found, weight = examine(situation, Motion(q, np.zeros_like(q), qd), self.content.hand)
-        return jax.tree.map(np.asarray, found), float(weight)
+        motion = Motion(q, np.zeros_like(q), qd)
+        return jax.tree.map(np.asarray, examine(situation, motion, self.content.hand, self.switches.names))
 
-    def look(self, frame: Frame, found: Any, weight: float) -> None:
-        """Plot what the inspector `found` at `frame`; `weight` is the hand's, see `examine`."""
-        self.push.weight = weight if np.isfinite(weight) else 1.0
+    def look(self, frame: Frame, found: Look) -> None:
+        """Plot what was `found` at `frame`."""
+        self.push.weight = float(found.weight) if np.isfinite(found.weight) else 1.0
+        self._ignored = int(found.ignored)
         self.trace.add(self.pose(frame, self.content.hand)[:3, 3])
-        gaps: dict[str, float] = {}
-        shares = dict.fromkeys(self.switches.names, 0.0)
-        for name, share, gap in zip(found.names, found.force_share, found.gap, strict=True):
-            name = name if name in shares else name.partition("[")[0]
-            if name in shares:
-                shares[name] += float(share)
-            gaps[name] = min(gaps.get(name, np.inf), float(gap))
         watched = frame.watched
         energies = (watched.energy, watched.allowed)
         if np.isfinite(energies).all():
+            gaps = dict(zip(self.switches.names, found.gap.tolist(), strict=True))
             distances = {name: gaps.get(leaf, _FAR) for name, leaf in _DISTANCES.items()}
             if self.furniture:
                 T = np.asarray(frame.situation.T_world_target, float)
                 distances["to furniture"] = self.furniture.clearance(frame.q, T)
             near = [min(distances[name], _FAR) for name in self._distances]
-            self.plots.add(frame.time, energies, np.array(list(shares.values())), near)
-        void = [name for name, sure in zip(found.names, found.certified, strict=True) if not sure]
-        state = "certified: V may only fall" if not void else f"not certified: {', '.join(dict.fromkeys(void))}"
+            self.plots.add(frame.time, energies, found.share, near)
+        void = ", ".join(found.uncertified)
+        state = f"not certified: {void}" if void else "certified: V may only fall"
         rises = (
             f"V rose, or was not a number, in {watched.violations} frames"
             if watched.violations
