@@ -81,7 +81,7 @@ $(PEERS)/.installed: benchmarks/peers.txt
 	$(PEERS)/bin/python -m pip install --quiet --disable-pip-version-check -r benchmarks/peers.txt
 	@touch $@
 
-# Robots of others, for `python -m benchmarks robots`: their files alone.
+# Robots of others, for `python -m benchmarks robots` and `view`: their files alone.
 robots: $(ROBOTS)/.installed
 
 $(ROBOTS)/.installed: $(BIN)/python

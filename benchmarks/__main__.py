@@ -17,6 +17,7 @@ LONG = (
     "reproduction",
     "scenes",
     "robots",
+    "view",
     "physics",
     "evaluation",
     "tracker",
