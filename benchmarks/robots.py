@@ -1,11 +1,12 @@
 """Arms of other people: loaded, covered, and taken to random poses among obstacles, all by the same gains.
 
 The robots are of the package example-robot-data; `make robots` puts it where this looks, or JAXRMP_ROBOTS says where
-its folder `robots` is. Each arm, both arms at once where there are two, starts at its rest posture, the best
-conditioned of random ones that are clear of the robot itself, among four obstacles clear of that posture. Goals are
-poses of the hands at random postures clear of the robot and of the obstacles, in position alone for arms of five
-joints. The policy is told the poses alone: `find_posture` finds postures for them. Rollouts are kinematic and last 10 s
-at 1 kHz. Times are CPU seconds; those of the cover and its pairs count where JAXRMP_CACHE is an empty folder.
+its folder `robots` is. Each arm, both arms at once where there are two, starts at its rest posture among four
+obstacles clear of that. It is a random one, well conditioned, from which many straight ways in joint space are clear of
+the robot itself. Goals are poses of the hands at random postures clear of the robot and of the obstacles, in position
+alone for arms of five joints. The policy is told the poses alone: `find_posture` finds postures for them. Rollouts are
+kinematic and last 10 s at 1 kHz. Times are CPU seconds; those of the cover and its pairs count where JAXRMP_CACHE is an
+empty folder.
 """
 
 import os
@@ -35,7 +36,7 @@ from jaxrmp.world import (
     own_spheres,
 )
 
-GOALS, SEED = 50, 0
+GOALS, SEED, WAYS = 50, 0, 64
 DURATION, DT, EVERY = 10.0, 1e-3, 5  # s, s, steps from one look at distances to the next
 NEAR, TURNED = 0.01, np.deg2rad(5)  # m, rad: what counts as reached
 # m, how far postures are from obstacles, and spheres from each other, at least.
@@ -120,14 +121,21 @@ def postures(rng: np.random.Generator, robot: Robot, count: int) -> np.ndarray:
 
 
 def rest_of(rng: np.random.Generator, robot: Robot, hands: tuple[str, ...], least: Any) -> np.ndarray:
-    """The best conditioned of random postures that are clear."""
+    """Of the best conditioned of random postures that are clear, that with the most clear straight ways to others."""
     q = postures(rng, robot, 4096)
     J = jax.jit(jax.vmap(lambda q: jax.jacfwd(ControlPoints(robot, hands))(q).reshape(-1, robot.num_joints)))(q)
     quality = np.linalg.svd(np.asarray(J), compute_uv=False)[:, -1]
     clear = np.asarray(jax.jit(jax.vmap(least))(q)[1]) > APART
     if not clear.any():
         raise RuntimeError("no random posture is clear of the robot itself")
-    return q[np.argmax(np.where(clear, quality, -1))]
+    q = q[clear]
+    rests, others = q[np.argsort(-quality[clear])[:WAYS]], q[:WAYS]
+    parts = jnp.linspace(0, 1, WAYS // 4)[1:, None]
+
+    def ways(rest):
+        return jax.vmap(lambda other: jax.lax.map(lambda p: least(rest + p * (other - rest))[1], parts).min())(others)
+
+    return rests[np.argmax((np.asarray(jax.lax.map(jax.jit(ways), rests)) > 0).mean(axis=1))]
 
 
 def obstacles(rng: np.random.Generator, robot: Robot, spheres: RobotSpheres, rest: np.ndarray, reach: float) -> World:

@@ -18,11 +18,11 @@ from ..leaves import CollisionAvoidance, Posture
 from ._arm_policy import ArmPolicy
 from ._distances import SELF_AVOIDANCE
 
-FIRM_SELF_AVOIDANCE = replace(SELF_AVOIDANCE, barrier=0.1, reach=0.02, floor=0.001)
-"""For an arm that a posture draws: felt within 2 cm, so that narrow ways stay open, and too high to be pressed through,
-which the pull of a posture can do to `SELF_AVOIDANCE`."""
+FIRM_SELF_AVOIDANCE = replace(SELF_AVOIDANCE, barrier=0.1, reach=0.01, floor=0.0005)
+"""For an arm that a posture draws: felt within 1 cm, so that narrow ways and postures stay open, and too high to be
+pressed through, which the pull of a posture can do to `SELF_AVOIDANCE`. At steps of 1 ms."""
 
-FIRM_AVOIDANCE = replace(FIRM_SELF_AVOIDANCE, barrier=0.05, reach=0.04, name="collision_avoidance")
+FIRM_AVOIDANCE = replace(SELF_AVOIDANCE, barrier=0.05, reach=0.04, floor=0.001, name="collision_avoidance")
 """As `FIRM_SELF_AVOIDANCE`, but felt within 4 cm."""
 
 

@@ -16,6 +16,7 @@ SHARE = 0.02  # of a joint's range, that postures keep from its limits
 _LENGTH = 0.2  # m, that a turn of one radian counts as, against metres
 _SEEN = 24  # postures on the straight way from the rest that are looked at
 _OFF = 0.02  # m: obstacles and spheres that are closer are in the way
+_APART = 0.005  # m: of postures that are closer to touching, the less close ones are better
 _CLOSE = 1e-3  # m, and rad times _LENGTH: at the goal
 
 
@@ -155,5 +156,5 @@ def _cost(error, clearance, rest, span, q):
     way = rest + jnp.linspace(0, 1, _SEEN + 1, dtype=q.dtype)[1:, None] * (q - rest)
     deep = jnp.clip((_OFF - jax.lax.map(clearance, way)) / _OFF, 0, 2)
     long = jnp.linalg.norm((q - rest) / span)
-    touching = jnp.where(clearance(q) < 0.1 * _OFF, 1e2, 0.0)
-    return 1e4 * jnp.maximum(off - _CLOSE, 0) + touching + 10 * deep.mean() + long
+    touching = jnp.clip((_APART - clearance(q)) / _APART, 0, 1)
+    return 1e4 * jnp.maximum(off - _CLOSE, 0) + 1e2 * touching + 10 * deep.mean() + long
