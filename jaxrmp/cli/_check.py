@@ -86,6 +86,15 @@ def _kind(file: Path) -> tuple[str, Callable]:
         return "robot", _robot_file
     kinds = {".toml": ("configuration", _configuration), ".npz": ("skill", _skill)}
     lula = dict.fromkeys((".xrdf", ".yaml", ".yml"), ("robot description (XRDF)", _xrdf))
+    if (
+        file.suffix.lower() != ".xrdf"
+        and file.is_file()
+        and re.search(rb"^rmp_params *:", file.read_bytes(), re.MULTILINE)
+    ):
+        raise ConfigurationError(
+            f"{file} is an RMPflow configuration, which is checked with its robot: jaxrmp check FILE.xrdf --robot URDF "
+            f"--rmpflow {file}."
+        )
     return (kinds | lula).get(file.suffix.lower(), ("robot", _robot_file))
 
 

@@ -48,6 +48,7 @@ def keep_branch(mujoco: Any, spec: Any, root: str | None, fixed: Collection[str]
         for joint in list(above.joints):
             kept = above.name == root or _locked(joint.name, fixed)
             if joint.type == mujoco.mjtJoint.mjJNT_FREE or not kept:
+                _warn_if_beyond(mujoco, joint, source)
                 gone.add(joint.name)
                 spec.delete(joint)
         if above.name != root:
@@ -62,6 +63,18 @@ def keep_branch(mujoco: Any, spec: Any, root: str | None, fixed: Collection[str]
             )
     _without_couplings(mujoco, spec, gone)
     return gone
+
+
+def _warn_if_beyond(mujoco: Any, joint: Any, source: str) -> None:
+    """A joint that goes stays at its reference, which its limits may not allow."""
+    lower, upper = joint.range
+    if lower < upper and joint.limited != mujoco.mjtLimited.mjLIMITED_FALSE and not lower <= joint.ref <= upper:
+        warnings.warn(
+            f"{source}: joint {joint.name!r} above the root stays at {joint.ref:g}, outside of its limits from "
+            f"{lower:g} to {upper:g}. Lock it elsewhere: fixed={{{joint.name!r}: ...}}.",
+            FileWarning,
+            stacklevel=5,
+        )
 
 
 def _without_objects(mujoco: Any, spec: Any, source: str) -> set[str]:

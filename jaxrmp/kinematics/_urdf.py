@@ -14,13 +14,15 @@ _MOVING = ("revolute", "continuous", "prismatic")
 
 class UrdfJoint(NamedTuple):
     """A joint that moves: `lower`, `upper`, rad or m, infinite for a continuous one; `velocity`, rad/s or m/s, None
-    where the file gives none; `leader`, whom it mimics, or None; `half`, whether one bound alone is written."""
+    where the file gives none; `leader`, whom it mimics, or None; `half`, whether one bound alone is written; `soft`,
+    whether a safety_controller has limits within these."""
 
     lower: float
     upper: float
     velocity: float | None
     leader: str | None
     half: bool = False
+    soft: bool = False
 
 
 class Urdf(NamedTuple):
@@ -102,6 +104,12 @@ def warn_of(urdf: Urdf, names: Iterable[str], source: str) -> None:
             FileWarning,
             [name for name, j in joints.items() if j.half and j.lower < j.upper],
             "have one limit alone written, and the other is 0, as URDF has it. Write both, if that is not meant.",
+        ),
+        (
+            FileWarning,
+            [name for name, j in joints.items() if j.soft],
+            "have soft limits (safety_controller) within their limits, which are not read: a controller "
+            "that keeps them may hold the arm before a policy does. Write them into the limits, or set the robot's.",
         ),
         (UnsafeFileWarning, one_sided, "have a limit on one side alone: policies hold joints with two limits."),
         (
@@ -201,7 +209,19 @@ def _joint(joint: ElementTree.Element, mimic: ElementTree.Element | None, source
         for entry in ("multiplier", "offset"):
             if not math.isfinite(_number(mimic, entry, name, source, f"mimic {entry}")):
                 raise RobotError(f"{source}: joint {name!r} has the mimic {entry} {mimic.get(entry)!r}.")
-    return UrdfJoint(lower, upper, velocity, None if mimic is None else mimic.get("joint", ""), half)
+    leader = None if mimic is None else mimic.get("joint", "")
+    return UrdfJoint(lower, upper, velocity, leader, half, _has_soft_limits(joint, lower, upper, source))
+
+
+def _has_soft_limits(joint: ElementTree.Element, lower: float, upper: float, source: str) -> bool:
+    soft = joint.find("safety_controller")
+    if soft is None or math.isinf(lower):
+        return False
+    low, high = (
+        _number(soft, f"soft_{end}_limit", joint.attrib["name"], source, f"soft {end} limit")
+        for end in ("lower", "upper")
+    )
+    return low < high and (low > lower or high < upper)  # both are 0 where they are absent: no soft limits
 
 
 def _number(element: ElementTree.Element, key: str, joint: str, source: str, what: str) -> float:

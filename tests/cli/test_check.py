@@ -96,3 +96,8 @@ def test_what_is_no_such_file(check, tmp_path, capsys):
         assert code == 1 and [finding["severity"] for finding in found["findings"]].count("error") == 1
     assert main(["check", str(tmp_path / "absent.urdf")]) == 1
     assert "absent.urdf" in capsys.readouterr().out
+
+
+def test_an_rmpflow_configuration_is_not_taken_for_a_robots_description(check):
+    code, found, said = check("arm_rmpflow.yaml", "joint_limit_buffers: [0.01]\nrmp_params:\n  damping_rmp: {}\n")
+    assert code == 1 and found is None and "--rmpflow" in said

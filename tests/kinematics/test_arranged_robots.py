@@ -51,6 +51,12 @@ def test_one_arm_of_two_on_a_column_that_stands_still_or_is_put_somewhere(file):
         load_robot(file, root="c_base")
 
 
+def test_a_joint_above_the_root_that_stays_where_its_limits_forbid_it_is_told(tmp_path):
+    (tmp_path / "high.xml").write_text(BOTH.replace('range="0 .5"', 'range=".1 .5"'))
+    with pytest.warns(jaxrmp.FileWarning, match=r"'lift' above the root stays at 0, outside of its limits from 0.1"):
+        load_robot(tmp_path / "high.xml", root="b_base")
+
+
 def test_a_file_may_have_keyframes_of_all_that_is_in_it(tmp_path):
     key = f'<keyframe><key name="home" qpos="{"0 " * 9} 0 0 0 1 0 0 0"/></keyframe></mujoco>'
     (tmp_path / "keys.xml").write_text(BOTH.replace("</mujoco>", key))

@@ -109,6 +109,11 @@ def test_what_is_wrong_is_named(text, message):
             r"\['lift'\] have a limit on one side alone",
         ),
         ('<limit lower="-180" upper="180" velocity="1"/>', UnsafeFileWarning, r"\['lift'\] .* are these degrees"),
+        (
+            '<limit lower="-1" upper="1" velocity="1"/><safety_controller soft_upper_limit="1"/>',
+            FileWarning,
+            r"\['lift'\] have soft limits",
+        ),
     ],
 )
 def test_limits_that_cannot_be_meant_are_read_with_one_warning(given, kind, message):
@@ -121,6 +126,12 @@ def test_limits_that_cannot_be_meant_are_read_with_one_warning(given, kind, mess
 def test_a_follower_that_would_cross_its_own_limits_is_told():
     with pytest.warns(UnsafeFileWarning, match=r"joints \['lift'\] follow others, whose limits count, beyond"):
         load_robot_from_string(two(LIMIT + '<mimic joint="turn" multiplier="2"/>'))
+
+
+@pytest.mark.filterwarnings("error")
+def test_soft_limits_that_are_none_or_no_tighter_say_nothing():
+    for soft in ("", 'soft_lower_limit="-1" soft_upper_limit="2"', 'soft_lower_limit="-2" soft_upper_limit="3"'):
+        load_robot_from_string(two(f'{LIMIT}<safety_controller k_velocity="1" {soft}/>'))
 
 
 def test_a_sound_file_says_nothing():
