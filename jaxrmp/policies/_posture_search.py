@@ -116,7 +116,8 @@ def _solve(error, lower, upper, q, iterations):
         r, J = error(q), jax.jacfwd(error)(q)
         held = matmul(J.T, r)
         damped = matmul(J.T, J) + (0.5 * einsum("i,i->", r, r) + 1e-5) * jnp.eye(len(q), dtype=q.dtype)
-        return jnp.clip(q - cholesky_solve(damped, held), lower, upper), None
+        moved = jnp.clip(q - cholesky_solve(damped, held), lower, upper)
+        return jnp.where(jnp.isfinite(moved), moved, q), None  # of a goal that is no number, only the errors are none
 
     return jax.lax.scan(step, q, length=iterations)[0]
 
@@ -157,4 +158,5 @@ def _cost(error, clearance, rest, span, q):
     deep = jnp.clip((_OFF - jax.lax.map(clearance, way)) / _OFF, 0, 2)
     long = jnp.linalg.norm((q - rest) / span)
     touching = jnp.clip((_APART - clearance(q)) / _APART, 0, 1)
-    return 1e4 * jnp.maximum(off - _CLOSE, 0) + 1e2 * touching + 10 * deep.mean() + long
+    cost = 1e4 * jnp.maximum(off - _CLOSE, 0) + 1e2 * touching + 10 * deep.mean() + long
+    return jnp.where(jnp.isnan(cost), jnp.inf, cost)

@@ -44,10 +44,13 @@ def test_what_is_found_is_at_the_goal_within_limits_and_clear(arm, asked):
     assert found.clearance.min() > 0
 
 
-def test_a_goal_out_of_reach_is_told_by_its_error(arm, asked):
+def test_a_goal_out_of_reach_or_of_no_numbers_is_told_by_its_error(arm, asked):
     far = asked[0].at[:3, 3].set(jnp.array([1.5, 0.0, 0.4]))
-    found = jax.jit(lambda T: find_posture(arm, HAND, T))(far)
+    find = jax.jit(lambda T: find_posture(arm, HAND, T))
+    found = find(far)
     assert found.position_error > 0.3 and jnp.isinf(found.clearance)
+    lost = find(far.at[0, 3].set(jnp.nan))
+    assert jnp.isfinite(lost.q).all() and jnp.isnan(lost.position_error)
 
 
 def test_an_arm_that_is_drawn_to_its_posture_goes_round_a_joint_limit_that_stops_the_hand():
