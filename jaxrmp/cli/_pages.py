@@ -20,13 +20,12 @@ def show(make: Callable[[Callable[[str, float], None]], Session], arguments: arg
     begun = time.monotonic()
     with contextlib.ExitStack() as coming:
         progress = coming.enter_context(progress_bar(arguments.quiet))
-        session = make(progress)
+        session: Session | None = None
         if threading.current_thread() is threading.main_thread():
             signal.signal(signal.SIGTERM, signal.default_int_handler)
-            signal.signal(
-                signal.SIGINT, signal.default_int_handler
-            )  # ignored in what a script starts in the background
+            signal.signal(signal.SIGINT, signal.default_int_handler)  # which a script's background jobs ignore
         try:
+            session = make(progress)
             progress("compiling", 0.5)
             session.start()
             coming.close()
@@ -40,4 +39,5 @@ def show(make: Callable[[Callable[[str, float], None]], Session], arguments: arg
         except KeyboardInterrupt:
             print()
         finally:
-            session.stop()
+            if session is not None:
+                session.stop()

@@ -28,9 +28,9 @@ def skill_and_robot(file: str | os.PathLike, named: str | None) -> tuple[Skill, 
     return replace(skill, configuration=replace(skill.configuration, robot=named)) if named else skill, robot
 
 
-def robot_of(named: str | None, fix: list[str] | None, hand: str | None) -> str | Robot:
+def robot_of(named: str | None, fix: list[str] | None, hand: str | None, quiet: bool = False) -> str | Robot:
     """The robot of a file for a page that moves the frame `hand`: the joints of `--fix PATTERN[=VALUE]` locked, and
-    those that move no hand, which are told; or the name of the built-in robot.
+    those that move no hand, which are told, unless `quiet`; or the name of the built-in robot.
 
     **Raises** `ConfigurationError` for a value that is no number, `UnknownNameError` for a frame that is not there,
     else as `load_robot`.
@@ -55,7 +55,8 @@ def robot_of(named: str | None, fix: list[str] | None, hand: str | None) -> str 
     if not idle:
         return robot
     more = f", and {len(idle) - _NAMED} more" if len(idle) > _NAMED else ""
-    tell(f"locked, for they move no hand: {', '.join(idle[:_NAMED])}{more}. --fix PATTERN=VALUE says where.")
+    if not quiet:
+        tell(f"locked, for they move no hand: {', '.join(idle[:_NAMED])}{more}. --fix PATTERN=VALUE says where.")
     with warnings.catch_warnings():  # given once
         warnings.simplefilter("ignore")
         return load_robot(named, fixed={**dict.fromkeys(idle), **fixed})

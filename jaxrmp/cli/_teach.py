@@ -14,7 +14,7 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
 
 def _teacher(arguments: argparse.Namespace, progress: Callable[[str, float], None]) -> Teacher:
     progress("reading", 0.0)
-    robot = robot_of(arguments.robot, arguments.fix, arguments.frame)
+    robot = robot_of(arguments.robot, arguments.fix, arguments.frame, arguments.quiet)
     progress("covering", 0.1)
     content = reach_content(robot, arguments.frame, balls=0, self_collision=False)
     progress("drawing", 0.4)

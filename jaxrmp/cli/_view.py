@@ -22,7 +22,7 @@ def _viewer(arguments: argparse.Namespace, progress: Callable[[str, float], None
         if arguments.scene or arguments.demos:
             raise ConfigurationError("--scene and --demos belong to a skill: give SKILL, or leave them out.")
         balls = 1 if arguments.balls is None else arguments.balls
-        robot = robot_of(arguments.robot, arguments.fix, arguments.frame)
+        robot = robot_of(arguments.robot, arguments.fix, arguments.frame, arguments.quiet)
         progress("covering", 0.1)
         content = reach_content(robot, arguments.frame, balls=balls)
         progress("drawing", 0.4)

@@ -25,13 +25,14 @@ def hand_frame(robot: Robot) -> str:
     """The frame of `robot` that is most likely its hand; of several hands, the last in the file.
 
     Of the frames that the most joints move, fingers' joints not counted: one with a hand's usual name, such as tcp,
-    tool0, gripper or palm, else the last. Cameras, sensors and what fingers move are no hands.
+    tool0, gripper or palm, else the last. Cameras, sensors and what fingers move, locked or not, are no hands.
     """
     model = robot.model
     finger = fingers_of(model)
     above = [model.joints_above(frame.body) for frame in model.frames]
     deepest = _deepest(above, finger)
-    still = [k for k in deepest if finger.isdisjoint(above[k])] or deepest
+    whole = {k: model.joints_above(model.frames[k].body, locked=True) for k in deepest}
+    still = [k for k in deepest if finger.isdisjoint(whole[k])] or deepest
     names = [model.frames[k].name for k in still]
     names = [name for name in names if not _NO_HAND.search(name)] or names
     for called in _CALLED:
@@ -63,15 +64,16 @@ def _deepest(above: list[list[int]], finger: set[int]) -> list[int]:
 
 
 def fingers_of(model: KinematicModel) -> set[int]:
-    """Joints that are called fingers, or that are on three branches or more, all short, at the end of an arm."""
+    """Joints, locked or not, that are called fingers, or are on three short branches or more at the end of an arm."""
     fingers = {i for i, joint in enumerate(model.joints) if _FINGER.search(joint.name)}
     for palm in range(1, len(model.bodies)):
-        arm = len(model.joints_above(palm))
+        arm = len(model.joints_above(palm, locked=True))
         branches: dict[int, set[int]] = {}
         for body in range(palm + 1, len(model.bodies)):
             path = model.path(body)
             if palm in path[:-1]:
-                branches.setdefault(path[path.index(palm) + 1], set()).update(model.joints_above(body)[arm:])
+                below = model.joints_above(body, locked=True)[arm:]
+                branches.setdefault(path[path.index(palm) + 1], set()).update(below)
         moving = [joints for joints in branches.values() if joints]
         if arm >= _ARM and len(moving) >= _HAND and all(len(joints) <= _FINGER_JOINTS for joints in moving):
             fingers.update(*moving)

@@ -96,9 +96,10 @@ class KinematicModel:
             body = self.bodies[body].parent
         return tuple(reversed(chain))
 
-    def joints_above(self, body: int) -> list[int]:
-        """Indices of the joints that move `body`, those that are locked left out."""
-        return [i for b in self.path(body) for i in self.joints_of_body[b] if self.joints[i].coordinate >= 0]
+    def joints_above(self, body: int, locked: bool = False) -> list[int]:
+        """Indices of the joints that move `body`, with those that are `locked` or without."""
+        joints = [i for b in self.path(body) for i in self.joints_of_body[b]]
+        return [i for i in joints if locked or self.joints[i].coordinate >= 0]
 
     @functools.cached_property
     def _hash(self) -> int:

@@ -147,11 +147,11 @@ def reaching_policy(
     tasks = tuple(_reaching(robot, name) for name in hands)
     spheres = spheres or _spheres_of(robot)
     always = joint_limits(robot) + velocity_limits(robot) + posture(robot, rest) + damping()
+    moving = None
     if spheres and spheres.size:
         pairs = own_self_pairs(robot, spheres) if self_collision else ()
-        spheres, own, pairs = lean(robot, spheres, pairs)
+        moving, own, pairs = lean(robot, spheres, pairs)
         always = self_avoidance(robot, own, pairs) + always if pairs else always
-    moving = spheres and spheres.moving(robot)
     target_of = tuple(range(len(hands))) if several else ()
     return single(ArmPolicy(robot, tasks, always, moving, target_of=target_of, common=False))
 

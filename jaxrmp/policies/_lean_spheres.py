@@ -11,9 +11,9 @@ Pairs = tuple[tuple[int, int], ...]
 
 
 def lean(robot: Robot, spheres: RobotSpheres, pairs: Pairs) -> tuple[RobotSpheres, RobotSpheres, Pairs]:
-    """Spheres for obstacles; spheres and pairs of them for the robot itself. Nothing is lost: a sphere within another
-    on the same link of `robot`, such as one on a locked finger within a box round the hand, is not needed where the
-    other is there, nor a pair within a pair. All are on links that joints move, so that no other pose is asked for.
+    """Moving spheres, for obstacles; spheres and pairs of them for the robot itself. Nothing is lost: a sphere within
+    another on the same link of `robot`, such as one on a locked finger within a box round the hand, is not needed where
+    the other is there, nor a pair within a pair. All are on links that joints move, so that no other pose is asked for.
     """
     frames, offsets = on_moving_links(robot, spheres.frames, spheres.offsets)
     spheres = replace(spheres, frames=frames, offsets=offsets)
@@ -23,7 +23,9 @@ def lean(robot: Robot, spheres: RobotSpheres, pairs: Pairs) -> tuple[RobotSphere
     used = sorted({i for pair in kept for i in pair})
     place = {i: k for k, i in enumerate(used)}
     own = tuple((place[i], place[j]) for i, j in kept)
-    return spheres.rows(np.flatnonzero(outer == np.arange(len(outer))).tolist()), spheres.rows(used), own
+    moving = spheres.moving(robot)  # of these alone: a base's sphere, which feels no obstacle, stands for none of them
+    largest = np.flatnonzero(_outer(moving) == np.arange(moving.size))
+    return moving.rows(largest.tolist()), spheres.rows(used), own
 
 
 def _outer(spheres: RobotSpheres) -> np.ndarray:

@@ -23,7 +23,7 @@ _CLOSE = 1e-3  # m, and rad times _LENGTH: at the goal
 class FoundPosture(NamedTuple):
     """The best posture for a goal: `q` [n], rad or m; `position_error` and `turn_error`, how far the worst hand is from
     its pose there, m and rad; `clearance`, the least distance to obstacles and of the robot's own spheres, m, infinite
-    where nothing is to be kept off."""
+    where nothing is to be kept off, or 1000 where all slots of a world are empty."""
 
     q: jax.Array
     position_error: jax.Array
@@ -57,13 +57,15 @@ def find_posture(
     **Raises** `UnknownNameError` for frames that are not there, `ShapeError` for other shapes.
     """
     hands = (hands,) if isinstance(hands, str) else tuple(hands)
-    goals = jnp.reshape(jnp.asarray(T_world_goal), (-1, 4, 4))
-    rest = jnp.asarray(robot.middle if rest is None else rest, goals.dtype)
-    if goals.shape[0] != len(hands) or rest.shape != (robot.num_joints,):
+    shape, rest = np.shape(T_world_goal), robot.middle if rest is None else rest
+    posed = shape == (len(hands), 4, 4) or (shape == (4, 4) and len(hands) == 1)
+    if not posed or np.shape(rest) != (robot.num_joints,):
         raise ShapeError(
-            f"T_world_goal and rest have shapes {np.shape(T_world_goal)} and {rest.shape}, expected a pose [4, 4] of "
-            f"each of {len(hands)} hands and ({robot.num_joints},)."
+            f"T_world_goal and rest have shapes {shape} and {np.shape(rest)}, expected a pose [4, 4] of each of "
+            f"{len(hands)} hands and ({robot.num_joints},)."
         )
+    goals = jnp.reshape(jnp.asarray(T_world_goal), (-1, 4, 4))
+    rest = jnp.asarray(rest, goals.dtype)
     lower, upper = _inner_limits(robot, rest)
     spread = jnp.asarray(_spread(starts - 1, robot.num_joints), rest.dtype)
     begin = jnp.concatenate([jnp.clip(rest, lower, upper)[None], lower + spread * (upper - lower)])
@@ -151,12 +153,14 @@ def _clearance(robot, spheres, world, pairs):
 
 
 def _cost(error, clearance, rest, span, q):
-    """Less is better: at the goal counts before clear, and that before a way that is clear and short."""
+    """Less is better: at the goal counts before clear, and that before a way that is clear and short. What is not at
+    the goal is told apart by how far it is off."""
     r = error(q)
     off = jnp.sqrt(einsum("i,i->", r, r))
     way = rest + jnp.linspace(0, 1, _SEEN + 1, dtype=q.dtype)[1:, None] * (q - rest)
     deep = jnp.clip((_OFF - jax.lax.map(clearance, way)) / _OFF, 0, 2)
     long = jnp.linalg.norm((q - rest) / span)
     touching = jnp.clip((_APART - clearance(q)) / _APART, 0, 1)
-    cost = 1e4 * jnp.maximum(off - _CLOSE, 0) + 1e2 * touching + 10 * deep.mean() + long
+    missed = jnp.where(off > _CLOSE, 1e3 + 1e4 * off, 0.0)
+    cost = missed + 1e2 * touching + 10 * deep.mean() + long
     return jnp.where(jnp.isnan(cost), jnp.inf, cost)

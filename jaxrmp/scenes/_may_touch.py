@@ -39,10 +39,12 @@ def let_neighbours_touch(spec: Any, robot: Robot) -> None:
 def _touching(m: Any, robot: Robot) -> list[set[frozenset[str]]]:
     """The pairs of bodies that touch, in each of some random configurations."""
     mujoco, found = import_mujoco(), []
-    data, at = mujoco.MjData(m), [m.joint(name).qposadr[0] for name in robot.joint_names]
+    data, joints = mujoco.MjData(m), [joint for joint in robot.model.joints if joint.coordinate >= 0]  # followers too
+    at, leader = [m.joint(joint.name).qposadr[0] for joint in joints], [joint.coordinate for joint in joints]
+    multiplier, offset = (np.array([getattr(joint, key) for joint in joints]) for key in ("multiplier", "offset"))
     lower, upper = np.maximum(robot.lower, -np.pi), np.minimum(robot.upper, np.pi)
     for q in np.random.default_rng(0).uniform(lower, upper, (_LOOKED_AT, robot.num_joints)):
-        data.qpos[at] = q
+        data.qpos[at] = multiplier * q[leader] + offset
         mujoco.mj_kinematics(m, data)
         mujoco.mj_collision(m, data)
         bodies = m.geom_bodyid[data.contact.geom[data.contact.dist < 0]]

@@ -62,16 +62,31 @@ def _leave_out(spec: Any, robot: Robot) -> None:
     names = {body.name for body in robot.model.bodies}
     gone = [body for body in spec.bodies[1:] if body.name not in names]
     highest = [body for body in gone if body.parent.name in names]  # what is below goes with them
-    _forget(spec, {joint.name for body in gone for joint in body.joints} | {body.name for body in gone})
+    _forget(
+        spec,
+        joints={joint.name for body in gone for joint in body.joints},
+        bodies={body.name for body in gone},
+        sites={site.name for body in gone for site in body.sites},
+    )
     for body in highest:
         spec.delete(body)
 
 
-def _forget(spec: Any, names: set[str]) -> None:
-    """Delete actuators, couplings and exclusions of joints and bodies that go."""
-    parts = [part for part in spec.actuators if part.target in names]
-    parts += [part for part in spec.equalities if {part.name1, part.name2} & names]
-    parts += [part for part in spec.excludes if {part.bodyname1, part.bodyname2} & names]
+def _forget(spec: Any, **gone: set[str]) -> None:
+    """Delete actuators, couplings and exclusions of the `joints`, `bodies`, `sites` and `tendons` that go."""
+    t, e, o = (getattr(import_mujoco(), name) for name in ("mjtTrn", "mjtEq", "mjtObj"))
+    driven = {t.mjTRN_JOINT: "joints", t.mjTRN_JOINTINPARENT: "joints", t.mjTRN_BODY: "bodies"}
+    driven |= {t.mjTRN_SITE: "sites", t.mjTRN_SLIDERCRANK: "sites", t.mjTRN_TENDON: "tendons"}
+    coupled, held = {e.mjEQ_JOINT: "joints", e.mjEQ_TENDON: "tendons"}, {o.mjOBJ_BODY: "bodies", o.mjOBJ_SITE: "sites"}
+
+    def goes(kind: str | None, *names: str) -> bool:
+        return not gone.get(kind or "", set()).isdisjoint(names)
+
+    parts = [part for part in spec.actuators if goes(driven.get(part.trntype), part.target)]
+    for part in spec.equalities:
+        if goes(coupled.get(part.type) or held.get(part.objtype), part.name1, part.name2):
+            parts.append(part)
+    parts += [part for part in spec.excludes if goes("bodies", part.bodyname1, part.bodyname2)]
     for part in parts:
         spec.delete(part)
 
@@ -95,7 +110,7 @@ def _hold(spec: Any, robot: Robot, file: Any) -> None:
         if not np.allclose(moved, np.eye(4), atol=1e-12):
             there.set_frame(there.parent.add_frame())
             _place(there, _pose_in(file, body.name) @ moved)
-    _forget(spec, {joint.name for joint in gone})
+    _forget(spec, joints={joint.name for joint in gone})
     if gone and list(spec.tendons):
         names = [tendon.name for tendon in spec.tendons]
         warnings.warn(
@@ -103,7 +118,7 @@ def _hold(spec: Any, robot: Robot, file: Any) -> None:
             FileWarning,
             stacklevel=5,
         )
-        _forget(spec, set(names))
+        _forget(spec, tendons=set(names))
     for part in (*(spec.tendons if gone else ()), *gone):
         spec.delete(part)
 
@@ -149,12 +164,14 @@ def _drive(spec: Any, robot: Robot, urdf: bool) -> None:
         given = [a for a in spec.actuators if a.target == name and a.trntype == mujoco.mjtTrn.mjTRN_JOINT]
         if len(given) == 1 and not any(int(kind) for kind in (given[0].dyntype, given[0].gaintype, given[0].biastype)):
             continue
-        most = _most_torque(spec, name, given)
+        most = _most_torque(spec, name, given, str(robot.source))
         if not given and not urdf and np.isinf(most):
             continue  # `Scene` says what is missing
         for actuator in given:
             spec.delete(actuator)
         motor = spec.add_actuator(name=f"motor of {name}", target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+        motor.set_to_motor()  # whatever the file's defaults for actuators are
+        motor.gear, motor.ctrllimited, motor.forcelimited = [1, 0, 0, 0, 0, 0], *[mujoco.mjtLimited.mjLIMITED_FALSE] * 2
         if np.isfinite(most):
             motor.ctrllimited, motor.ctrlrange = mujoco.mjtLimited.mjLIMITED_TRUE, [-most, most]
         else:
@@ -175,8 +192,14 @@ def _drive(spec: Any, robot: Robot, urdf: bool) -> None:
         )
 
 
-def _most_torque(spec: Any, joint: str, actuators: list[Any]) -> float:
-    """The largest torque that a file lets the actuators of a joint have, N m or N; infinite where it says nothing."""
+def _most_torque(spec: Any, joint: str, actuators: list[Any], source: str) -> float:
+    """The largest torque that a file lets the actuators of a joint have, N m or N; infinite where it says nothing.
+
+    **Raises** `RobotError` for a range that allows torques of one sign alone."""
     ranges = [actuator.gear[0] * np.array(actuator.forcerange) for actuator in actuators]
     ranges.append(np.array(spec.joint(joint).actfrcrange))
+    if one := [sorted(r.tolist()) for r in ranges if np.any(r) and not r.min() < 0 < r.max()]:
+        raise RobotError(
+            f"{source}: joint {joint!r} may have torques from {one[0][0]:g} to {one[0][1]:g}: both signs are needed."
+        )
     return min((float(np.abs(r).min()) for r in ranges if np.any(r)), default=np.inf)

@@ -63,6 +63,17 @@ def test_joints_that_move_no_hand():
         idle_joints(robot, "tail")
 
 
+def test_a_hand_stays_the_hand_when_its_fingers_are_locked():
+    """A gripper without a usual name: one jaw is fixed, the other moves."""
+    links = "".join(f'<body name="l{i}"><joint name="j{i}" axis="0 {i % 2} 1"/>' for i in range(4))
+    moving = '<body name="Moving_Jaw"><joint name="jaw" axis="0 0 1"/></body>'
+    text = f"<mujoco><worldbody>{links}<body name='Fixed_Jaw'>{moving}</body>{'</body>' * 4}</worldbody></mujoco>"
+    free = load_robot_from_string(text)
+    locked = load_robot_from_string(text, fixed=dict.fromkeys(idle_joints(free)))
+    assert idle_joints(free) == ("jaw",) and locked.num_joints == 4
+    assert hand_frame(free) == hand_frame(locked) == "Fixed_Jaw"
+
+
 def test_points_of_what_is_rigidly_joined_are_points_of_the_link_that_a_joint_moves():
     robot, frames = panda(), ("panda_hand_tcp", "panda_link7", "panda_link0")
     offsets = np.array([[0.1, -0.2, 0.3], [0.0, 0.1, 0.0], [0.2, 0.0, 0.1]])

@@ -15,5 +15,7 @@ def test_what_lies_within_another_sphere_or_pair_is_left_out_and_nothing_else():
     # The hand's and its tip's sphere lie within the one of the link before, as does one of two on the elbow's.
     assert outer.radii.tolist() == [0.2, 0.1] and outer.frames == ("panda_link7", "panda_link4")
     assert own.radii.tolist() == [0.2, 0.1] and pairs == ((0, 1),)
+    on_axis = RobotSpheres(("panda_link1",) * 2, np.array([[0.0, 0, 0], [0.05, 0, 0]]), np.array([0.2, 0.05]))
+    assert lean(panda(), on_axis, ())[0].radii.tolist() == [0.05]  # of the two, what the first joint moves
     _, own, pairs = lean(panda(), spheres, ((0, 3), (0, 4)))  # the largest need not keep apart: the small ones do
     assert own.radii.tolist() == [0.1, 0.1, 0.02] and pairs == ((0, 1), (0, 2))

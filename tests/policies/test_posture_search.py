@@ -79,5 +79,7 @@ def test_an_arm_of_few_joints_is_asked_for_positions_and_two_hands_for_a_pose_ea
     assert jax.jit(lambda T: find_posture(arm, frames, T))(both).position_error < 1e-3
     with pytest.raises(ShapeError, match="each of 2 hands"):
         find_posture(arm, frames, asked[0])
+    with pytest.raises(ShapeError, match=r"\(3, 4\)"):
+        find_posture(arm, HAND, asked[0, :3])
     with pytest.raises(ShapeError, match=r"expected \(7,\)"):
         guided(reaching_policy(arm, HAND), np.zeros(3))

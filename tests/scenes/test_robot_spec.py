@@ -120,3 +120,35 @@ def test_an_arm_that_nothing_can_drive_is_told(file):
         arm_alone(file, load_robot(file, root="a_base", fixed={"a_lift": 0.1}))
     with pytest.raises(RobotError, match="read from text"):
         robot_spec(load_robot_from_string(URDF))
+
+
+ONE = """<mujoco><compiler angle="radian" autolimits="true"/><default>{0}</default><worldbody><body name="a">
+<joint name="a" axis="0 0 1" range="-1 1"/><geom size=".1"/><body name="b" pos=".3 0 0"><joint name="b" axis="0 0 1"
+range="-1 1"/><geom size=".1"/><body name="c" pos=".3 0 0"><joint name="c" axis="0 0 1" range="-1 1"/><geom size=".1"/>
+</body></body></body></worldbody><contact><exclude body1="a" body2="c"/></contact><tendon><fixed name="b">
+<joint joint="c" coef="1"/></fixed></tendon><actuator>{1}<motor joint="b"/></actuator></mujoco>"""
+
+
+@pytest.mark.parametrize("default", ['<motor gear="50"/>', '<position kp="100"/>', '<general ctrlrange="-1 1"/>'])
+@pytest.mark.filterwarnings("ignore::jaxrmp.FileWarning")
+def test_defaults_of_a_file_are_not_those_of_the_motors_that_are_added(default, tmp_path):
+    given = '<general joint="a" biastype="affine" gear="2" forcerange="-5 5"/>'
+    (tmp_path / "one.xml").write_text(ONE.format(default, given))
+    robot = load_robot(tmp_path / "one.xml", fixed={"c": 0.0})
+    assert arm_alone(tmp_path / "one.xml", robot).torque_limit[0] == 10.0
+
+
+@pytest.mark.filterwarnings("ignore::jaxrmp.FileWarning")
+def test_parts_of_one_name_and_another_kind_stay(tmp_path):
+    """Joint c and the tendon called b go: the bodies' exclusion and the motor of joint b stay."""
+    (tmp_path / "one.xml").write_text(ONE.format("", '<motor joint="a"/>'))
+    spec = robot_spec(load_robot(tmp_path / "one.xml", fixed={"c": 0.0}))
+    assert [(e.bodyname1, e.bodyname2) for e in spec.excludes] == [("a", "c")]
+    assert [actuator.target for actuator in spec.actuators] == ["a", "b"]
+
+
+def test_a_torque_of_one_sign_is_an_error(tmp_path):
+    given = '<general joint="a" biastype="affine" forcerange="0 5"/>'
+    (tmp_path / "one.xml").write_text(ONE.format("", given))
+    with pytest.raises(RobotError, match="'a' may have torques from 0 to 5"):
+        robot_spec(load_robot(tmp_path / "one.xml"))
