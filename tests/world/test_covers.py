@@ -208,7 +208,7 @@ def test_a_robot_is_covered_as_finely_as_few_spheres_allow_and_an_error_is_never
         policies.reaching_policy(robot, "gripper")
     path.write_text(LINKS.replace('type="box" size=".01 .01 .01"', 'type="mesh" mesh="gone"'))
     with pytest.raises(RobotError, match="gone"):
-        policies.reaching_policy(robot, "gripper")
+        policies.reaching_policy(load_robot(path), "gripper")
 
 
 def test_a_robot_without_any_geometry_is_told_as_unsafe(tmp_path):
