@@ -13,6 +13,7 @@ import os
 import sys
 import time
 import warnings
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -23,8 +24,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxrmp import acceleration, policies
-from jaxrmp.kinematics import ControlPoints, Robot, forward_kinematics, hand_frame, load_robot
-from jaxrmp.kinematics._hand_frame import fingers_of
+from jaxrmp.kinematics import ControlPoints, Robot, forward_kinematics, hand_frame, idle_joints, load_robot
 from jaxrmp.world import (
     Boxes,
     ObstacleDistances,
@@ -45,12 +45,10 @@ FOLDER = Path(os.environ.get("JAXRMP_ROBOTS") or ".robots/cmeel.prefix/share/exa
 
 
 class Arm(NamedTuple):
-    """A file of the package, hands (none: the one that is found), patterns of joints that stay, and whether goals have
-    a turn."""
+    """A file of the package, hands (none: the one that is found), and whether goals have a turn."""
 
     file: str
     hands: tuple[str, ...] = ()
-    fixed: tuple[str, ...] = ()
     turned: bool = True
 
 
@@ -61,23 +59,13 @@ ROBOTS = {
     "Kinova": Arm("kinova_description/robots/kinova.urdf"),
     "Z1": Arm("z1_description/urdf/z1.urdf"),
     "SO-101": Arm("so_arm_description/urdf/so101.urdf", turned=False),
-    "Tiago": Arm("tiago_description/robots/tiago.urdf", fixed=("wheel*", "head*")),
+    "Tiago": Arm("tiago_description/robots/tiago.urdf"),
     "Tiago Dual": Arm(
-        "tiago_description/robots/tiago_dual.urdf",
-        ("hand_left_grasping_frame", "hand_right_grasping_frame"),
-        ("wheel*", "head*", "suspension*", "caster*"),
+        "tiago_description/robots/tiago_dual.urdf", ("hand_left_grasping_frame", "hand_right_grasping_frame")
     ),
-    "Baxter": Arm("baxter_description/urdf/baxter.urdf", ("left_gripper", "right_gripper"), ("head*",)),
-    "Talos": Arm(
-        "talos_data/robots/talos_reduced.urdf",
-        ("gripper_left_base_link", "gripper_right_base_link"),
-        ("leg*", "head*"),
-    ),
-    "G1": Arm(
-        "g1_description/urdf/g1_29dof_rev_1_0.urdf",
-        ("left_rubber_hand", "right_rubber_hand"),
-        ("*hip*", "*knee*", "*ankle*"),
-    ),
+    "Baxter": Arm("baxter_description/urdf/baxter.urdf", ("left_gripper", "right_gripper")),
+    "Talos": Arm("talos_data/robots/talos_reduced.urdf", ("gripper_left_base_link", "gripper_right_base_link")),
+    "G1": Arm("g1_description/urdf/g1_29dof_rev_1_0.urdf", ("left_rubber_hand", "right_rubber_hand")),
 }
 
 
@@ -94,11 +82,11 @@ class Reached(NamedTuple):
 
 
 def loaded(arm: Arm) -> tuple[Robot, tuple[str, ...]]:
-    """The robot, its fingers and the arm's own fixed joints locked, and its hands."""
+    """The robot, the joints that move no hand locked, and its hands."""
     whole = load_robot(FOLDER / arm.file)
     hands = arm.hands or (hand_frame(whole),)
-    fingers = {whole.model.joints[i].name for i in fingers_of(whole.model)} & set(whole.joint_names)
-    return load_robot(FOLDER / arm.file, fixed=dict.fromkeys((*fingers, *arm.fixed))), hands
+    idle = set.intersection(*(set(idle_joints(whole, hand)) for hand in hands))
+    return load_robot(FOLDER / arm.file, fixed=dict.fromkeys(sorted(idle))), hands
 
 
 def distances(robot: Robot, spheres: RobotSpheres, pairs: Any, world: World) -> Any:
@@ -239,14 +227,19 @@ def row(name: str, arm: Arm) -> dict[str, Any]:
     }
 
 
-def rows() -> list[dict[str, Any]]:
-    """One row a robot."""
+def of_each(arms: dict[str, Any], row: Callable[[str, Any], dict[str, Any]]) -> list[dict[str, Any]]:
+    """The `row` of each of the `arms` by its name, told as it comes."""
     if not FOLDER.is_dir():
         raise SystemExit(f"there is no folder {FOLDER}: run `make robots`, or set JAXRMP_ROBOTS.")
     found = []
-    for name, arm in ROBOTS.items():
+    for name, arm in arms.items():
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             found.append(row(name, arm))
         print(found[-1], file=sys.stderr, flush=True)
     return found
+
+
+def rows() -> list[dict[str, Any]]:
+    """One row a robot."""
+    return of_each(ROBOTS, row)

@@ -12,7 +12,6 @@ import subprocess
 import sys
 import tempfile
 import time
-import warnings
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -25,6 +24,7 @@ from jaxrmp.viewer import reach_content
 from ._page import Page, launch
 from ._report import FOLDER
 from .robots import FOLDER as FILES
+from .robots import of_each
 
 PICTURES = FOLDER / "view"
 SIZE = {"width": 1500, "height": 900}
@@ -185,12 +185,4 @@ def driven(name: str, page: Page, arm: Arm, hand: str) -> dict[str, Any]:
 
 def rows() -> list[dict[str, Any]]:
     """One row a robot."""
-    if not FILES.is_dir():
-        raise SystemExit(f"there is no folder {FILES}: run `make robots`, or set JAXRMP_ROBOTS.")
-    found = []
-    for name, arm in ROBOTS.items():
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            found.append(row(name, arm))
-        print(found[-1], file=sys.stderr, flush=True)
-    return found
+    return of_each(ROBOTS, row)

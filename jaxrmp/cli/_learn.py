@@ -1,13 +1,12 @@
 """`jaxrmp learn`: from a configuration and demonstrations to a skill, a report and pictures."""
 
 import argparse
-import sys
 from pathlib import Path
 
 from .._errors import ConfigurationError
 from ..learning import Learning, learn, learning_report, load_configuration, reproduce, save_skill
 from ..visualization import save_learning_figures, save_reproduction_figures
-from ._output import error_table, made_by, progress_bar, write_json
+from ._output import error_table, made_by, progress_bar, tell, write_json
 from ._overrides import parse_overrides
 from ._report_pages import learning_page, pictures_in
 from ._reproduce import result_dict
@@ -39,10 +38,9 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
         drawn += save_reproduction_figures(learning.prepared, reproduction, out / "figures")
         learning_page(report, made, pictures_in(drawn), out / "report.html")
     if learning.skill.configuration.object != configuration.object:
-        print(
-            f"jaxrmp: the demonstrations track no object, so the skill lives in the frame of {configuration.base!r} "
-            f"and knows no {configuration.object!r}. In CSV files, are its columns there?",
-            file=sys.stderr,
+        tell(
+            f"the demonstrations track no object, so the skill lives in the frame of {configuration.base!r} "
+            f"and knows no {configuration.object!r}. In CSV files, are its columns there?"
         )
     print(_summary(learning))
     print(error_table(result))

@@ -1,7 +1,6 @@
 """`jaxrmp run`: a skill in physics, trial after trial, with pictures, a video and a report."""
 
 import argparse
-import sys
 from dataclasses import replace
 from typing import Any
 
@@ -10,7 +9,7 @@ import numpy as np
 from .. import learning, simulation, visualization
 from .._errors import ConfigurationError, RolloutError
 from ..policies import whole_arm_policy
-from ._output import made_by, progress_bar, write_json
+from ._output import made_by, progress_bar, tell, write_json
 from ._report_pages import FIGURES, pictures_in, run_page
 from ._sources import demonstrations_of, scene_of
 
@@ -72,8 +71,7 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
                 run_page({**report, "settings": settings}, made, figures, page)
     print(outcome_table(report))
     if diverged := [t["trial"] for t in report["per_trial"] if t["diverged"]]:
-        message = f"{len(diverged)} of {len(trials)} trials diverged: {diverged}. Replay one with --trial K."
-        print(f"jaxrmp: {message}", file=sys.stderr)
+        tell(f"{len(diverged)} of {len(trials)} trials diverged: {diverged}. Replay one with --trial K.")
     failed = [t["trial"] for t in report["per_trial"] if not t["success"]]
     if arguments.strict and failed:
         raise RolloutError(

@@ -21,9 +21,7 @@ def on_moving_links(robot: Robot, frames: Sequence[str], offsets: Any) -> tuple[
     links, moved = [], []
     for name, offset in zip(frames, np.asarray(offsets, float), strict=True):
         frame = model.frames[robot.frame_index(name)]
-        link = frame.body
-        while link > 0 and not any(model.joints[i].coordinate >= 0 for i in model.joints_of_body[link]):
-            link = model.bodies[link].parent
+        link = model.rigid_root(frame.body)
         T = np.linalg.inv(poses[link][0]) @ poses[frame.body][0] @ pose_of(frame)
         links.append(model.bodies[link].name)
         moved.append(T[:3, :3] @ offset + T[:3, 3])

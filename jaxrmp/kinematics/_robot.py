@@ -101,6 +101,12 @@ class KinematicModel:
         joints = [i for b in self.path(body) for i in self.joints_of_body[b]]
         return [i for i in joints if locked or self.joints[i].coordinate >= 0]
 
+    def rigid_root(self, body: int) -> int:
+        """The body that a joint moves, locked ones aside, and that `body` is rigidly joined to; or the world."""
+        while body > 0 and not any(self.joints[i].coordinate >= 0 for i in self.joints_of_body[body]):
+            body = self.bodies[body].parent
+        return body
+
     @functools.cached_property
     def _hash(self) -> int:
         return int(self.fingerprint, 16)

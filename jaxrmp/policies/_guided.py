@@ -8,15 +8,13 @@ walls on the way. All are leaves: potentials add up to one with its least at tha
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
-
-from .._errors import ShapeError
 from .._map_tree import map_tree
 from .._tree import Leaf, Node
 from ..kinematics import Robot
-from ..leaves import CollisionAvoidance, Posture
+from ..leaves import CollisionAvoidance
 from ._arm_policy import ArmPolicy
 from ._distances import SELF_AVOIDANCE
+from ._joints import posture
 
 FIRM_SELF_AVOIDANCE = replace(SELF_AVOIDANCE, barrier=0.1, reach=0.01, floor=0.0005)
 """For an arm that a posture draws: felt within 1 cm, so that narrow ways and postures stay open, and too high to be
@@ -30,11 +28,9 @@ def guide(robot: Robot, q: Any, **gains: Any) -> Node:
     """Draws a `robot` to the posture `q` [n], rad or m, as strongly as tasks do, such as one of `find_posture`.
 
     **Arguments**: `gains` of `Posture`, by default `weight=3`, `stiffness=20`, 1/s^2, and `damping_rate=9`, 1/s,
-    critically damped. **Raises** `ShapeError` for another `q`.
+    critically damped. **Raises** as `posture`.
     """
-    if np.shape(q) != (robot.num_joints,):
-        raise ShapeError(f"q has shape {np.shape(q)}, expected ({robot.num_joints},): a position of each joint.")
-    return Posture(q, **{"weight": 3.0, "stiffness": 20.0, "damping_rate": 9.0, "name": "guide", **gains})
+    return posture(robot, q, **{"weight": 3.0, "stiffness": 20.0, "damping_rate": 9.0, "name": "guide", **gains})
 
 
 def guided(policy: ArmPolicy, q: Any, **gains: Any) -> ArmPolicy:

@@ -3,6 +3,7 @@
 from dataclasses import replace
 from typing import Any
 
+import jax
 import numpy as np
 
 from .._errors import ShapeError
@@ -46,7 +47,7 @@ def posture(robot: Robot, rest: Any = None, **gains: Any) -> Node:
     **Arguments**: `gains` of `Posture`, by default `weight=0.02`, `stiffness=0.5`, 1/s^2, and `damping_rate=3.0`, 1/s,
     for a hand that follows a goal dragged on a page. **Raises** as `joint_limits`, `ShapeError` for another `rest`.
     """
-    rest = robot.middle if rest is None else np.asarray(rest, float)
+    rest = robot.middle if rest is None else rest if isinstance(rest, jax.Array) else np.asarray(rest, float)
     if rest.shape != (robot.num_joints,):
         raise ShapeError(f"rest has shape {rest.shape}, expected ({robot.num_joints},): a position of each joint.")
     return Posture(rest, **{"weight": 0.02, "stiffness": 0.5, "damping_rate": 3.0, **gains})

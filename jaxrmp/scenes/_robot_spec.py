@@ -6,10 +6,11 @@ from typing import Any
 import numpy as np
 
 from .._errors import FileWarning, RobotError, UnsafeFileWarning
-from .._rotations import pose, quaternion_of_rotation, rotation_of_quaternion, rotation_of_vector
+from .._rotations import pose, quaternion_of_rotation, rotation_of_quaternion
 from ..kinematics import Robot
+from ..kinematics._arranged import pose_of
+from ..kinematics._body_poses import joint_motion
 from ..kinematics._mujoco import compile_spec, import_mujoco, read_spec
-from ..kinematics._robot import Joint
 from ..kinematics._robot_text import format_of, read_text
 from ._may_touch import let_neighbours_touch
 
@@ -48,8 +49,7 @@ def robot_spec(robot: Robot) -> Any:
 def _mount(robot: Robot, file: Any) -> np.ndarray:
     """How far the robot's base was moved from where the file has it, [4, 4]."""
     body = next(body for body in robot.model.bodies if body.parent == 0)
-    here = pose(np.array(body.position), np.reshape(body.rotation, (3, 3)))
-    return here @ np.linalg.inv(_pose_in(file, body.name))
+    return pose_of(body) @ np.linalg.inv(_pose_in(file, body.name))
 
 
 def _pose_in(model: Any, body: str) -> np.ndarray:
@@ -103,7 +103,7 @@ def _hold(spec: Any, robot: Robot, file: Any) -> None:
                 continue
             gone.append(element)
             if joint is not None:
-                M = _motion(joint)
+                M = joint_motion(joint, np.array([joint.offset]))[0]
                 moved = moved @ M
                 for before in free:  # their axes move with the body, which now sits where the locked joint holds it
                     before.axis, before.pos = M[:3, :3].T @ before.axis, M[:3, :3].T @ (before.pos - M[:3, 3])
@@ -123,15 +123,6 @@ def _hold(spec: Any, robot: Robot, file: Any) -> None:
         spec.delete(part)
 
 
-def _motion(joint: Joint) -> np.ndarray:
-    """How a locked joint moves its body from where the file has it, [4, 4]."""
-    by, axis, anchor = joint.offset - joint.reference, np.array(joint.axis), np.array(joint.anchor)
-    if joint.kind == "prismatic":
-        return pose(by * axis, np.eye(3))
-    R = rotation_of_vector(by * axis)
-    return pose(anchor - R @ anchor, R)
-
-
 def _place(element: Any, T: np.ndarray) -> None:
     element.pos, element.quat = T[:3, 3], quaternion_of_rotation(T[:3, :3])
     element.alt.type = import_mujoco().mjtOrientation.mjORIENTATION_QUAT
@@ -142,7 +133,7 @@ def _add_tools(spec: Any, robot: Robot) -> None:
     for frame in robot.model.frames:
         if frame.name.removeprefix("site:") not in there:
             site = spec.body(robot.model.bodies[frame.body].name).add_site(name=frame.name)
-            _place(site, pose(np.array(frame.position), np.reshape(frame.rotation, (3, 3))))
+            _place(site, pose_of(frame))
 
 
 def _move_all(spec: Any, T: np.ndarray) -> None:

@@ -25,7 +25,7 @@ def self_pairs(
     """
     links = {name: link_of(robot, name) for name in frames}
     bodies = robot.model.bodies
-    roots = [_rigid_root(robot, b) for b in range(len(bodies))]
+    roots = [robot.model.rigid_root(b) for b in range(len(bodies))]
     touching = {frozenset((root, roots[bodies[root].parent])) for root in roots if root > 0}  # one joint between them
     for name, others in (ignore or {}).items():
         for pair in ((name, other) for other in others):
@@ -76,11 +76,4 @@ def panda_self_pairs(max_error: float = 0.015) -> tuple[tuple[int, int], ...]:
 
 def link_of(robot: Robot, name: str) -> int:
     """The body that carries the frame and all that is rigidly joined to it."""
-    return _rigid_root(robot, robot.model.frames[robot.frame_index(name)].body)
-
-
-def _rigid_root(robot: Robot, body: int) -> int:
-    model = robot.model
-    while body > 0 and not any(model.joints[i].coordinate >= 0 for i in model.joints_of_body[body]):
-        body = model.bodies[body].parent
-    return body
+    return robot.model.rigid_root(robot.model.frames[robot.frame_index(name)].body)
