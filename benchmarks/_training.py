@@ -7,8 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxrmp.learning import load_skill, prepare
-from jaxrmp.learning._learn import training_samples
+from jaxrmp.learning import load_skill, prepare, training_samples
 from jaxrmp.learning._metric_network import initial_cholesky_factor
 from jaxrmp.learning._metric_training import train_metrics
 from jaxrmp.xla import own_cores

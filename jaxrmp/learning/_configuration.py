@@ -3,6 +3,7 @@
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
+from typing import Literal, get_args
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from ._preprocessing import PreprocessingSettings
 
 ACTIVATIONS = ("relu", "softplus", "silu", "tanh")
 LOSSES = ("smooth_l1", "l2")
+Method = Literal["auto", "flow", "paper"]
 _SOME_RANGE = {"lower": np.zeros(1), "upper": np.ones(1), "rest": np.zeros(1)}  # a robot's, not a configuration's
 
 
@@ -74,6 +76,36 @@ class MetricSettings:
         UnknownNameError.check("loss", self.loss, LOSSES)
 
 
+@settings("flow")
+class FlowSettings:
+    """The flow and its training. `couplings` L and `hidden`, the width of their networks; `updates`, `learning_rate`;
+    `mixtures`, paths between two demonstrations that are followed too, an update; `conditioning`, against stretching
+    space near the demonstrations; `identity`, to leave space as it is far from them; `circumradius`, m, of the triangle
+    of points that stands for the hand: what its turn counts for; `weight`, the metric of the policy.
+
+    `funnel`: 0 for none, else the metric of the leaf that leads joints back to where the demonstrations were; `inner`
+    and `outer`, rad, where it begins and where it is whole. `posture`: the metric of a faint pull to the joints'
+    demonstrated end, which settles what the hand leaves open."""
+
+    couplings: Positive[int] = 12
+    hidden: Positive[int] = 32
+    updates: Positive[int] = 2000
+    learning_rate: Positive[float] = 0.005
+    mixtures: NonNegative[int] = 8
+    conditioning: NonNegative[float] = 0.01
+    identity: NonNegative[float] = 0.1
+    circumradius: Positive[float] = 0.08
+    weight: Positive[float] = 10.0
+    funnel: NonNegative[float] = 4.0
+    inner: Positive[float] = 0.5
+    outer: Positive[float] = 0.8
+    posture: NonNegative[float] = 0.003
+
+    def __post_init__(self):
+        if self.outer <= self.inner:
+            raise ConfigurationError(f"flow.outer is {self.outer!r}, expected more than flow.inner, {self.inner!r}.")
+
+
 @settings("policy")
 class PolicySettings:
     """Gains of the learned policy: cruise `speed`, m/s; `damping_rate`, 1/s; and by name, where they are not to
@@ -100,8 +132,8 @@ class Configuration:
     `name` of the skill; `subtasks`, its control points; `robot`, "panda" or the path of an MJCF or URDF file;
     `fixed_joints`, joints of that file that stay at a value; `base`, the frame of the robot in which object poses were
     recorded; `object`, the tracked object whose frame the skill lives in, empty for the axes of `base` at the mean
-    final position of the first control point; `seed`, of all that is random; `preprocessing`, `target`, `potential`,
-    `metric` and `policy`, the settings of each step.
+    final position of the first control point; `seed`, of all that is random; `method`, "flow", "paper" or "auto", see
+    `learn`; `preprocessing`, `target`, `flow`, `potential`, `metric` and `policy`, the settings of each step.
 
     **Raises** `ConfigurationError` for values that make no sense.
     """
@@ -113,8 +145,10 @@ class Configuration:
     base: str = "world"
     object: str = ""
     seed: int = 0
+    method: Method = "auto"
     preprocessing: PreprocessingSettings = PreprocessingSettings()
     target: TargetSettings = TargetSettings()
+    flow: FlowSettings = FlowSettings()
     potential: PotentialSettings = PotentialSettings()
     metric: MetricSettings = MetricSettings()
     policy: PolicySettings = PolicySettings()
@@ -127,6 +161,7 @@ class Configuration:
             raise ConfigurationError(
                 f"name is {self.name!r}, expected letters, digits, '_', '-' or '.': files bear it."
             )
+        UnknownNameError.check("method", self.method, get_args(Method))
         if self.seed < 0:
             raise ConfigurationError(f"seed is {self.seed!r}, expected 0 or more.")
         if self.robot == "panda" and self.fixed_joints:

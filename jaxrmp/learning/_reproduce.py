@@ -11,8 +11,8 @@ from .._errors import RolloutError
 from .._tree import Node
 from ..kinematics import Robot
 from ..simulation import Rollout, rollout
-from ._learn import PreparedDemonstrations, control_points, in_frame
 from ._measures import reproduction_errors
+from ._prepare import PreparedDemonstrations, control_points, in_frame
 from ._skill import Skill
 
 
@@ -61,7 +61,7 @@ def reproduce(
     if not finite.all():
         raise RolloutError(
             f"rollouts from demonstrations {np.flatnonzero(~finite).tolist()} became non-finite. Lower dt or the gains "
-            f"(damping_rate * dt is {float(np.max(skill.learned.damping_rate)) * dt:.2g}; above 1 Euler steps diverge)."
+            f"(damping_rate * dt is {skill.damping_rate * dt:.2g}; above 1 Euler steps diverge)."
         )
     offsets = np.asarray(skill.offsets, float)
     points, errors = [], []

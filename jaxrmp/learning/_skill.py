@@ -10,10 +10,11 @@ from .._errors import ConfigurationError, RobotError, ShapeError
 from .._pytree import pytree, single, static
 from .._rotations import nearest_rotation, pose
 from .._task_map import RigidTransform, TaskMap, Translation, check_rigid, compose
-from .._tree import Batched, Node, on_coordinates, pullback
+from .._tree import Batched, Node, Sum, on_coordinates, pullback
 from ..kinematics import ControlPoints, Robot
 from ..leaves import Damping, JointLimit, Learned
 from ._configuration import Configuration, PolicySettings
+from ._hand_flow import HandFlow
 from ._skill_on_robot import SkillOnRobot, skill_on_robot
 
 
@@ -21,7 +22,8 @@ from ._skill_on_robot import SkillOnRobot, skill_on_robot
 class Skill:
     """What was learned from a demonstration set; its arrays, all gains among them, are parameters of its tree.
 
-    `learned`, the K subtasks' leaves as one, stacked on the leading axis; `joint_damping` and `joint_limit` (of the
+    `learned`, the K subtasks' leaves as one, stacked on the leading axis, or `flow`, one policy of the whole hand, by
+    the `method` it was learned by, and the other is None; `joint_damping` and `joint_limit` (of the
     joints in `limited`, None if no joint has limits); `offsets` [K, 3], the control points in their frames, m;
     `targets` [K, 3], where they go, in the object's frame, m; `T_world_object` [4, 4], the object's pose in the
     demonstrations, in the world of the robot's model; `R_object_hand` [3, 3], how the first control point's frame is
@@ -30,7 +32,7 @@ class Skill:
     from.
     """
 
-    learned: Learned
+    learned: Learned | None
     joint_damping: Damping
     joint_limit: JointLimit | None
     offsets: jax.Array
@@ -43,6 +45,22 @@ class Skill:
     configuration: Configuration = static()
     robot_fingerprint: str = static()
     source: str = static(default="unknown")
+    flow: HandFlow | None = None
+
+    def __post_init__(self):
+        if (self.learned is None) == (self.flow is None):
+            raise ConfigurationError("a skill has either learned leaves of its subtasks or a flow.")
+
+    @property
+    def method(self) -> str:
+        """How it was learned: "paper" or "flow"."""
+        return "paper" if self.flow is None else "flow"
+
+    @property
+    def damping_rate(self) -> float:
+        """The largest damping rate of what was learned, 1/s: steps of an engine must be shorter than one over it."""
+        leaf = self.learned or self.flow.attractor
+        return float(np.max(leaf.damping_rate))
 
     def task_map(
         self, robot: Robot, T_world_object: jax.Array | None = None, targets: jax.Array | None = None
@@ -62,23 +80,38 @@ class Skill:
 
     def leaf(self, robot: Robot, T_world_object: jax.Array | None = None, targets: jax.Array | None = None) -> Node:
         """The learned leaves as a node on joint space, to be added to any tree; arguments as in `task_map`."""
-        return pullback(self.task_map(robot, T_world_object, targets), Batched(self.learned))
+        if self.flow is None:
+            return pullback(self.task_map(robot, T_world_object, targets), Batched(self.learned))
+        self.check_robot(robot)
+        pose = self.T_world_object if T_world_object is None else T_world_object
+        points = None if targets is None else self.flow.targets_at(self.offsets, targets)
+        return self.flow.leaf(robot, self.frames, pose, points)
+
+    def on_joints(self, robot: Robot, T_world_object: jax.Array | None = None) -> Node:
+        """What acts on the joints of `robot` that it was learned on: damping, limits, and with a flow what leads them
+        back to where it was learned, for the object at `T_world_object` [4, 4]."""
+        node = self.joint_damping + Sum(())
+        if self.joint_limit is not None:
+            node = node + on_coordinates(self.limited, robot.num_joints, self.joint_limit)
+        if self.flow is None:
+            return node
+        pose = self.T_world_object if T_world_object is None else T_world_object
+        return node + self.flow.on_joints(robot, self.T_world_object, pose)
 
     def tree(self, robot: Robot, T_world_object: jax.Array | None = None, targets: jax.Array | None = None) -> Node:
-        """The whole policy: learned leaves, joint damping and joint limits; arguments as in `task_map`."""
-        tree = self.leaf(robot, T_world_object, targets) + self.joint_damping
-        if self.joint_limit is None:
-            return tree
-        return tree + on_coordinates(self.limited, robot.num_joints, self.joint_limit)
+        """The whole policy: learned leaves, and those of `on_joints`; arguments as in `task_map`."""
+        return self.leaf(robot, T_world_object, targets) + self.on_joints(robot, T_world_object)
 
     def with_gains(self, speed: float, damping_rate: float) -> "Skill":
         """The same skill at another cruise `speed`, m/s, and `damping_rate`, 1/s: geometry stays, tempo changes."""
-        arrays = {}
         for name, value in (("speed", speed), ("damping_rate", damping_rate)):
             if not 0 < value < float("inf"):
                 raise ConfigurationError(f"{name} is {value!r}, expected a positive number.")
-            arrays[name] = jnp.full_like(getattr(self.learned, name), value)
-        return replace(self, learned=replace(self.learned, **arrays))
+        if self.flow is not None:
+            return replace(self, flow=self.flow.with_gains(speed, damping_rate))
+        gains = {"speed": jnp.full(len(self.frames), speed, jnp.float32)}
+        gains["damping_rate"] = jnp.full(len(self.frames), damping_rate, jnp.float32)
+        return replace(self, learned=replace(self.learned, **gains))
 
     def load_robot(self, file: str | None = None) -> Robot:
         """The robot that the skill was learned on, or the same one of another `file`, should its own have moved.

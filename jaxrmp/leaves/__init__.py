@@ -3,8 +3,10 @@
 from . import lula as lula
 from ._attractor import Attractor as Attractor
 from ._collision_avoidance import CollisionAvoidance as CollisionAvoidance
+from ._cruising_attractor import CruisingAttractor as CruisingAttractor
 from ._damping import Damping as Damping
 from ._formation import Formation as Formation
+from ._funnel import Funnel as Funnel
 from ._joint_limit import JointLimit as JointLimit
 from ._joint_velocity_limit import JointVelocityLimit as JointVelocityLimit
 from ._learned import Learned as Learned

@@ -26,3 +26,15 @@ def decay_ratio(v):
     for k in range(9, 0, -1):
         near = 1 - u / (k + 1) * near
     return jnp.where(small, near, -jnp.expm1(-far) / far)
+
+
+def log_cosh(square):
+    """`log cosh z` from `square = z^2`, with derivatives that exist at z = 0."""
+    # The derivative by the square is tanh_ratio / 2, so its series is that one's integral.
+    small = square < 0.03
+    z = jnp.sqrt(jnp.where(small, 1.0, square))
+    v = jnp.where(small, square, 0.0)
+    near = jnp.zeros_like(square)
+    for k, coefficient in reversed(list(enumerate(_TANH_SERIES))):
+        near = near * v + coefficient / (2 * (k + 1))
+    return jnp.where(small, near * v, z + jnp.log1p(jnp.exp(-2 * z)) - jnp.log(jnp.asarray(2.0, z.dtype)))

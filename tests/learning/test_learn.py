@@ -22,7 +22,7 @@ from jaxrmp.learning import (
     subtask_trajectories,
     training_samples,
 )
-from jaxrmp.learning._learn import still_pose
+from jaxrmp.learning._prepare import still_pose
 from jaxrmp.synthetic import synthetic_demonstrations
 
 CONFIGS = Path(__file__).parents[2] / "configs"

@@ -1,0 +1,208 @@
+"""Trains a flow so that its rays are the demonstrated paths."""
+
+import math
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from .._errors import TrainingError, importing
+from ._arc_length import resample_by_arc_length
+from ._configuration import FlowSettings
+from ._flow import Flow, initial_flow
+
+with importing("optax", "learning"):
+    import optax
+
+_SAMPLES = 200  # of a path, evenly in its arc length
+_EVERY = 8  # one of so many is compared at an update
+_UPDATES_A_CALL = 100
+_PROBES = 48  # places at an update at which the flow is kept from stretching space
+_HUBER = 0.1  # error, over the flow's length, from where on it counts linearly
+
+
+class FlowFit(NamedTuple):
+    """A trained `flow`; the `losses` [updates]; `stretch`, the least and the largest singular value of its Jacobian on
+    the demonstrations; and the time that it took, `compilation_seconds` and `loop_seconds`."""
+
+    flow: Flow
+    losses: np.ndarray
+    stretch: tuple[float, float]
+    compilation_seconds: float
+    loop_seconds: float
+
+
+class _Paths(NamedTuple):
+    """Paths `x` [N, S, m], `left` [N, S] of their length; points `near` [M, m] them and `far` [F, m], whose `weights`
+    [F] say how far."""
+
+    x: jax.Array
+    left: jax.Array
+    near: jax.Array
+    far: jax.Array
+    weights: jax.Array
+
+
+class _Draws(NamedTuple):
+    """What is random in an update: a later start of each path [N]; the two paths [X] that are mixed, and in what shares
+    [X]; where samples begin [P], a share of their distance; near and far points, and directions there [B, ...]."""
+
+    start: np.ndarray
+    first: np.ndarray
+    second: np.ndarray
+    share: np.ndarray
+    phase: np.ndarray
+    near: np.ndarray
+    shift: np.ndarray
+    far: np.ndarray
+    direction: np.ndarray
+
+
+def train_flow(
+    paths: Sequence[np.ndarray],
+    far: np.ndarray,
+    settings: FlowSettings | None = None,
+    seed: int = 0,
+    progress: Callable[[int, float], None] | None = None,
+) -> FlowFit:
+    """Find the flow behind which each of `paths` is a straight line to the origin, as long as the path is.
+
+    With an attractor behind a flow, motion from rest at x_0 is `phi^-1(r phi(x_0) / |phi(x_0)|)` for r from
+    `|phi(x_0)|` down to 0: known without a rollout. These rays are compared with the paths, from their beginning and
+    from further on, with r the length that is left; beside that, the flow is kept from stretching space near the
+    paths, from turning it far from them, and follows mixtures of two paths for starts in between.
+
+    **Arguments**: `paths`, N arrays [T, m] that end at the origin, m in units of length; `far` [F, m], places where
+    nothing is known and the flow is to be near the identity; `settings`; `seed`, of all that is random; `progress`,
+    called with updates done and mean loss.
+    **Returns** a `FlowFit`.
+    **Raises** `TrainingError` if the loss is not finite.
+
+    Our loss; the idea is Rana et al., Euclideanizing Flows (2020), where rollouts are compared.
+    """
+    settings = settings or FlowSettings()
+    data = _paths(paths, far)
+    N, _, m = data.x.shape
+    flow = initial_flow(seed, m, settings.couplings, settings.hidden, float(np.abs(data.x).max()) / 4)
+    draws = _draws(np.random.default_rng([seed, 1]), settings.updates, N, settings.mixtures if N > 1 else 0, data)
+    warm = min(50, settings.updates // 2)
+    schedule = optax.warmup_cosine_decay_schedule(0.0, settings.learning_rate, warm, settings.updates)
+    optimizer = optax.chain(optax.clip_by_global_norm(1.0), optax.adam(schedule))
+    networks = _networks(flow)
+
+    def update(carry, drawn):
+        networks, state = carry
+        loss, slope = jax.value_and_grad(lambda n: _loss(_with(flow, n), data, drawn, settings))(networks)
+        steps, state = optimizer.update(slope, state, networks)
+        return (optax.apply_updates(networks, steps), state), loss
+
+    a_call = math.gcd(settings.updates, _UPDATES_A_CALL)
+    calls = [jax.tree.map(lambda d, i=i: d[i : i + a_call], draws) for i in range(0, settings.updates, a_call)]
+    carry, losses = (networks, optimizer.init(networks)), []
+    clock = time.perf_counter()
+    run = jax.jit(lambda carry, draws: jax.lax.scan(update, carry, draws)).lower(carry, calls[0]).compile()
+    compilation_seconds, clock = time.perf_counter() - clock, time.perf_counter()
+    for i, drawn in enumerate(calls):
+        carry, values = run(carry, drawn)
+        losses.append(np.asarray(values))
+        if not np.isfinite(losses[-1]).all():
+            raise TrainingError(
+                f"the flow's loss is not finite after {(i + 1) * a_call} updates (learning rate "
+                f"{settings.learning_rate}). Lower flow.learning_rate."
+            )
+        if progress is not None:
+            progress((i + 1) * a_call, float(losses[-1].mean()))
+    trained = jax.jit(_with)(flow, carry[0])
+    loop_seconds = time.perf_counter() - clock
+    singular = stretches(trained, np.asarray(data.x)[:, ::_EVERY].reshape(-1, m))
+    ends = float(singular.min()), float(singular.max())
+    return FlowFit(trained, np.concatenate(losses), ends, compilation_seconds, loop_seconds)
+
+
+def stretches(flow: Flow, x: np.ndarray) -> np.ndarray:
+    """Singular values [N, m] of the Jacobian of `flow` at points `x` [N, m]: how much it stretches space there."""
+    J = jax.jit(jax.vmap(lambda x: flow.pushforward(x, jnp.zeros_like(x)).J))(jnp.asarray(x, jnp.float32))
+    return np.linalg.svd(np.asarray(J, float), compute_uv=False)
+
+
+@jax.jit
+def rays(flow: Flow, starts: jax.Array, shares: jax.Array) -> jax.Array:
+    """Where an attractor behind `flow` leads from rest at `starts` [N, m]: [N, T, m], with `shares` [T] of the way left."""
+    y = jax.vmap(flow)(starts)
+    return jax.vmap(lambda y: jax.vmap(lambda share: flow.inverse(share * y))(shares))(y)
+
+
+def _paths(paths: Sequence[np.ndarray], far: np.ndarray) -> _Paths:
+    x = np.stack([resample_by_arc_length(np.asarray(path, float), _SAMPLES) for path in paths])
+    near = x[:, ::4].reshape(-1, x.shape[-1])
+    far = np.asarray(far, float).reshape(-1, x.shape[-1])
+    distance = np.array([np.linalg.norm(near - point, axis=1).min() for point in far])
+    weights = 1 - np.exp(-(distance**2) / (2 * 0.1**2))
+    found = _Paths(x, np.asarray(_left(jnp.asarray(x))), near, far, weights)
+    return jax.tree.map(lambda a: jnp.asarray(a, jnp.float32), found)
+
+
+def _left(x: jax.Array) -> jax.Array:
+    """The length left [..., S] of paths [..., S, m] at each of their points."""
+    steps = jnp.sqrt(jnp.sum(jnp.diff(x, axis=-2) ** 2, -1) + 1e-18)
+    left = jnp.cumsum(steps[..., ::-1], -1)[..., ::-1]
+    return jnp.concatenate([left, jnp.zeros_like(left[..., :1])], -1)
+
+
+def _draws(rng: np.random.Generator, updates: int, N: int, mixtures: int, data: _Paths) -> _Draws:
+    m = data.x.shape[-1]
+    first = rng.integers(0, N, (updates, mixtures))
+    direction = rng.normal(size=(updates, 2, _PROBES, m))
+    return _Draws(
+        start=rng.integers(0, 3 * _SAMPLES // 4, (updates, N)),
+        first=first,
+        second=(first + rng.integers(1, max(N, 2), (updates, mixtures))) % N,
+        share=rng.uniform(-0.25, 0.5, (updates, mixtures)).astype(np.float32),
+        phase=rng.uniform(size=(updates, 2 * N + mixtures)).astype(np.float32),
+        near=rng.integers(0, len(data.near), (updates, _PROBES)),
+        shift=rng.normal(0, 0.05 / np.sqrt(3), (updates, _PROBES, m)).astype(np.float32),
+        far=rng.integers(0, max(len(data.far), 1), (updates, _PROBES)),
+        direction=(direction / np.linalg.norm(direction, axis=-1, keepdims=True)).astype(np.float32),
+    )
+
+
+def _loss(flow: Flow, data: _Paths, drawn: _Draws, settings: FlowSettings) -> jax.Array:
+    mixed = data.x[drawn.first] + drawn.share[:, None, None] * (data.x[drawn.second] - data.x[drawn.first])
+    x, left = jnp.concatenate([data.x, data.x, mixed]), jnp.concatenate([data.left, data.left, _left(mixed)])
+    N, X = len(data.x), len(mixed)
+    start = jnp.concatenate([jnp.zeros(N, int), drawn.start, jnp.zeros(X, int)])
+    steps = (jnp.arange(_SAMPLES // _EVERY) + drawn.phase[:, None]) / (_SAMPLES // _EVERY)
+    at = start[:, None] + (steps * (_SAMPLES - 1 - start[:, None])).astype(int)
+    rows = jnp.arange(len(x))
+    begin, length = x[rows, start], left[rows, start]
+    wanted = x[rows[:, None], at]
+    along = x[rows[:, None], jnp.minimum(at + 1, _SAMPLES - 1)] - x[rows[:, None], jnp.maximum(at - 1, 0)]
+    along = along / jnp.sqrt(jnp.sum(along**2, -1, keepdims=True) + 1e-18)
+    y = jax.vmap(flow)(begin)
+    ray = (left[rows[:, None], at] / length[:, None])[..., None] * y[:, None]
+    error = (jax.vmap(jax.vmap(flow.inverse))(ray) - wanted) / flow.length
+    error = error - 0.5 * jnp.sum(error * along, -1, keepdims=True) * along  # when it is there matters half
+    fit = jnp.mean(jnp.sqrt(_HUBER**2 + jnp.sum(error**2, -1)) - _HUBER) * _HUBER
+    radius = jnp.mean(((jnp.sqrt(jnp.sum(y**2, -1) + 1e-18) - length) / flow.length) ** 2)
+    stretch = jax.vmap(lambda x, u: jax.jvp(flow, (x,), (u,))[1])
+    near = stretch(data.near[drawn.near] + drawn.shift, drawn.direction[0])
+    conditioning = jnp.mean(jnp.log(jnp.sqrt(jnp.sum(near**2, -1)) + 1e-9) ** 2)
+    loss = 100 * fit + 10 * radius + settings.conditioning * conditioning
+    if not len(data.far):
+        return loss
+    turned = stretch(data.far[drawn.far], drawn.direction[1]) - drawn.direction[1]
+    identity = jnp.mean(data.weights[drawn.far] * jnp.log1p(jnp.sum(turned**2, -1)))
+    return loss + settings.identity * x.shape[-1] * identity
+
+
+def _networks(flow: Flow) -> dict[str, jax.Array]:
+    layers = flow.couplings
+    return {name: value for name, value in vars(layers).items() if name.startswith(("weights", "biases"))}
+
+
+def _with(flow: Flow, networks: dict[str, jax.Array]) -> Flow:
+    return replace(flow, couplings=replace(flow.couplings, **networks)).centred()

@@ -1,0 +1,192 @@
+"""What a flow makes of a skill: one policy for the whole hand, and what leads joints back to where it was learned."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from .._linalg import cholesky_solve, einsum, matmul
+from .._pytree import pytree, single, static
+from .._rotations import vector_of_rotation
+from .._task_map import Pushforward, RigidTransform, TaskMap, Translation, compose, pushforward
+from .._tree import Node, Sum, pullback
+from ..kinematics import ControlPoints, Robot, forward_kinematics, geometric_jacobian
+from ..leaves import CruisingAttractor, Funnel
+from ._configuration import FlowSettings, PolicySettings
+from ._flow import Flow
+
+_DAMPING = 0.02  # of inverse kinematics, m (and rad), so that near a singularity joints stay where they are
+_MARGIN = 0.05  # rad or m that moved postures keep from limits
+_REST = {"speed": 1.0, "damping_rate": 40.0, "taper": 0.15}  # of the pull to the joints' end
+
+
+@pytree
+class Stacked(TaskMap):
+    """The points [K, 3] that `points` gives, as one vector [3 K] over sqrt(K): its length is their mean distance."""
+
+    points: TaskMap
+
+    def __call__(self, x):
+        y = self.points(x)
+        return y.reshape(-1) / np.sqrt(len(y))
+
+    def pushforward(self, x, xd):
+        y, yd, J, c = pushforward(self.points, x, xd)
+        k = 1 / np.sqrt(len(y))
+        return Pushforward(k * y.reshape(-1), k * yd.reshape(-1), k * J.reshape(-1, J.shape[-1]), k * c.reshape(-1))
+
+
+@pytree
+class HandFlow:
+    """A `flow` of the whole hand with its `attractor` behind it; `funnel` and `posture`, leaves on the joints, or None.
+
+    `offsets` [P, 3], m, points in the first of the skill's frames that stand for the hand, and `targets` [P, 3] where
+    they go, in the object's frame, m; if `turned`, a triangle, which says how the hand is turned, else the skill's
+    control points. `hands` [S + 1, 3], m, where the hand is in the postures of the funnel, and last at the joints' end;
+    `moves` [S + 1, n, 6], how joints follow a small motion of it: both for an object at the skill's `T_world_object`.
+    """
+
+    flow: Flow
+    attractor: CruisingAttractor
+    funnel: Funnel | None
+    posture: CruisingAttractor | None
+    offsets: jax.Array
+    targets: jax.Array
+    hands: jax.Array
+    moves: jax.Array
+    turned: bool = static()
+
+    def task_map(self, robot: Robot, frames: tuple[str, ...], T: jax.Array, targets: jax.Array | None) -> TaskMap:
+        """From joint positions [n] to the stacked points, the target at zero; `targets` [P, 3] instead of its own."""
+        frames = frames[:1] * len(self.offsets) if self.turned else frames
+        points = ControlPoints(robot, frames, self.offsets)
+        origin = self.targets if targets is None else targets
+        return Stacked(compose(points, RigidTransform(T), Translation(origin)))
+
+    def leaf(self, robot: Robot, frames: tuple[str, ...], T: jax.Array, targets: jax.Array | None = None) -> Node:
+        """The learned policy as a node on joint space, the object at `T` [4, 4]."""
+        return pullback(compose(self.task_map(robot, frames, T, targets), self.flow), self.attractor)
+
+    def on_joints(self, robot: Robot, T_before: jax.Array, T: jax.Array) -> Node:
+        """Funnel and posture of a `robot` for an object that moved from `T_before` to `T` [4, 4]: to first order."""
+        postures = [] if self.funnel is None else [jnp.asarray(self.funnel.postures)]
+        postures += [] if self.posture is None else [jnp.asarray(self.posture.goal)[None]]
+        if not postures:
+            return Sum(())
+        q = jnp.concatenate(postures)
+        moved = _followed(q, self.hands[-len(q) :], self.moves[-len(q) :], T_before, T)
+        free = _MARGIN * (robot.upper - robot.lower > 4 * _MARGIN)
+        moved = jnp.clip(moved, jnp.asarray(robot.lower + free, q.dtype), jnp.asarray(robot.upper - free, q.dtype))
+        node: Node = Sum(())
+        if self.funnel is not None:
+            node = node + replace(self.funnel, postures=moved[: len(self.funnel.postures)])
+        return node if self.posture is None else node + replace(self.posture, goal=moved[-1])
+
+    def targets_at(self, offsets: jax.Array, targets: jax.Array) -> jax.Array:
+        """Where its points go if the control points at `offsets` go to `targets`, both [K, 3], as one rigid hand."""
+        if not self.turned:
+            return targets
+        a, b = jnp.asarray(offsets), jnp.asarray(targets, jnp.asarray(offsets).dtype)
+        spread = matmul((b - b.mean(0)).T, a - a.mean(0))
+        U, _, Vt = jnp.linalg.svd(spread)
+        R = matmul(U * jnp.array([1.0, 1.0, jnp.sign(jnp.linalg.det(matmul(U, Vt)))], a.dtype), Vt)
+        return matmul(self.offsets - a.mean(0), R.T) + b.mean(0)
+
+    def with_gains(self, speed: float, damping_rate: float) -> "HandFlow":
+        """The same at another cruise `speed`, m/s, and `damping_rate`, 1/s."""
+        gains = {"speed": jnp.asarray(speed, jnp.float32), "damping_rate": jnp.asarray(damping_rate, jnp.float32)}
+        return replace(self, attractor=replace(self.attractor, **gains))
+
+
+def hand_points(frames: tuple[str, ...], offsets: np.ndarray, circumradius: float) -> tuple[np.ndarray, bool]:
+    """Points that stand for the hand: offsets [P, 3] in the first frame, m, and whether they are a triangle.
+
+    Three control points and more on one frame are a rigid hand, whose turn matters, however nearly they lie on a line:
+    a triangle around their middle, across the frame's z axis, tells it. Else the control points themselves.
+    """
+    offsets = np.asarray(offsets, float)
+    if len(set(frames)) > 1 or len(offsets) < 3 or np.linalg.matrix_rank(offsets - offsets.mean(0), 1e-5) < 2:
+        return offsets, False
+    angles = 2 * np.pi / 3 * np.arange(3)
+    triangle = circumradius * np.stack([np.cos(angles), np.sin(angles), np.zeros(3)], axis=1)
+    return offsets.mean(0) + triangle, True
+
+
+def hand_flow(
+    robot: Robot,
+    frame: str,
+    flow: Flow,
+    points: tuple[np.ndarray, bool],
+    targets: np.ndarray,
+    postures: np.ndarray,
+    end: np.ndarray,
+    settings: FlowSettings,
+    policy: PolicySettings,
+) -> HandFlow:
+    """A `HandFlow` of a trained `flow`, in single precision.
+
+    **Arguments**: `frame`, the hand's; `points`, by `hand_points`; their `targets` [P, 3]; `postures` [S, n] along the
+    ways that it leads, and `end` [n], where they end, rad or m.
+    """
+    offsets, turned = points
+    at = np.concatenate([postures, end[None]])
+    hands, moves = _hands(robot, at, frame, tuple(offsets.mean(0).tolist()))
+    gains = {"speed": policy.speed, "damping_rate": policy.damping_rate, "weight": settings.weight}
+    funnel = Funnel(postures, settings.funnel, inner=settings.inner, outer=settings.outer) if settings.funnel else None
+    posture = CruisingAttractor(end, settings.posture, **_REST, name="posture") if settings.posture else None
+    attractor = CruisingAttractor(np.zeros(offsets.size), **gains, name="learned")
+    return single(HandFlow(flow, attractor, funnel, posture, offsets, targets, hands, moves, turned))
+
+
+def postures_of(robot: Robot, task_map: TaskMap, rays: np.ndarray, seeds: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """Postures [T, n] of `robot` at points [T, m] of each of `rays` of a space, each near its posture in `seeds`.
+
+    Ten damped Gauss-Newton steps, within the limits; a point out of reach gives the nearest.
+    """
+    return [
+        np.asarray(_inverse(robot, task_map, jnp.asarray(y), jnp.asarray(q))) for y, q in zip(rays, seeds, strict=True)
+    ]
+
+
+@jax.jit
+@partial(jax.vmap, in_axes=(None, None, 0, 0))
+def _inverse(robot: Robot, task_map: TaskMap, y: jax.Array, q: jax.Array) -> jax.Array:
+    q, y = q.astype(jnp.float32), y.astype(jnp.float32)
+
+    def step(q, _):
+        there = task_map.pushforward(q, jnp.zeros_like(q))
+        A = matmul(there.J, there.J.T) + _DAMPING**2 * jnp.eye(len(y))
+        q = q + matmul(there.J.T, cholesky_solve(A, y - there.y))
+        return jnp.clip(q, jnp.asarray(robot.lower, q.dtype), jnp.asarray(robot.upper, q.dtype)), None
+
+    return jax.lax.scan(step, q, length=10)[0]
+
+
+@partial(jax.jit, static_argnums=(2, 3))
+@partial(jax.vmap, in_axes=(None, 0, None, None))
+def _hand_and_jacobian(robot: Robot, q: jax.Array, frame: str, offset: tuple[float, ...]):
+    T, J = forward_kinematics(robot, q, frame), geometric_jacobian(robot, q, frame)
+    arm = matmul(T[:3, :3], jnp.asarray(offset, q.dtype))
+    return T[:3, 3] + arm, J.at[:3].add(-jnp.cross(arm, J[3:], axisb=0, axisc=0))
+
+
+def _hands(robot: Robot, q: np.ndarray, frame: str, offset: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """Where the hand is, and the damped inverses [S, n, 6] of its Jacobian, a turn of 1 rad worth 0.1 m."""
+    with jax.enable_x64(True):
+        hands, J = (np.asarray(a) for a in _hand_and_jacobian(robot, jnp.asarray(q, float), frame, offset))
+    scale = np.array([1.0, 1.0, 1.0, 0.1, 0.1, 0.1])
+    J = scale[:, None] * J
+    A = J @ np.swapaxes(J, 1, 2) + _DAMPING**2 * np.eye(6)
+    return hands, np.swapaxes(J, 1, 2) @ np.linalg.inv(A) * scale
+
+
+def _followed(q, hands, moves, T_before, T):
+    """Postures `q` [S, n] after an object went from one pose to another, and the hand with it."""
+    T_before, T = jnp.asarray(T_before, q.dtype), jnp.asarray(T, q.dtype)
+    R = matmul(T[:3, :3], T_before[:3, :3].T)
+    gone = matmul(hands - T_before[:3, 3], R.T) + T[:3, 3] - hands
+    turn = jnp.broadcast_to(vector_of_rotation(R), gone.shape)
+    return q + einsum("sij,sj->si", moves, jnp.concatenate([gone, turn], axis=1))

@@ -1,0 +1,135 @@
+"""Demonstrations as what learning starts from: control points in the object's frame."""
+
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from .._errors import DemonstrationError
+from ..kinematics import Robot, forward_kinematics, frame_poses
+from ._closed_paths import check_paths
+from ._configuration import Configuration
+from ._demonstrations import Demonstration, DemonstrationSet
+from ._fit_to_robot import fit_to_robot
+from ._preprocessing import Preprocessed, preprocess
+from ._skill import mean_pose
+from ._subtask_trajectories import SubtaskTrajectories, subtask_trajectories
+
+
+class PreparedDemonstrations(NamedTuple):
+    """Demonstrations as control points in the object's frame.
+
+    `joints`, the preprocessed joint trajectories; `poses` [N, 4, 4], the object's frame in the world of the
+    robot's model in each;
+    `points`, N arrays [T, K, 3], m, in that frame; `subtasks`, those with each end moved to the origin, resampled;
+    `frame` says which frame it is.
+    """
+
+    joints: Preprocessed
+    poses: np.ndarray
+    points: tuple[np.ndarray, ...]
+    subtasks: SubtaskTrajectories
+    frame: str
+
+
+def prepare(configuration: Configuration, robot: Robot, demonstrations: DemonstrationSet) -> PreparedDemonstrations:
+    """Preprocess demonstrations and bring the control points into the object's frame.
+
+    The object's frame is its pose at each demonstration's first sample; if the configuration or the whole set has no
+    tracked object, it has the axes of the robot's `base` frame and its origin at the mean final position of the first
+    control point. The demonstrations are made the robot's own first, as `fit_to_robot` does.
+
+    **Arguments**: `configuration`; its `robot`; `demonstrations`. **Raises** `DemonstrationError` if the object moves
+    during a demonstration, or a control point ends where it began or crosses its own path, which no stable policy can
+    follow; and what `fit_to_robot`, `preprocess` and `subtask_trajectories` raise.
+    """
+    recorded = fit_to_robot(demonstrations, robot)
+    joints = preprocess(recorded, configuration.preprocessing)
+    frames, offsets = control_point_frames(configuration)
+    world_points = [control_points(robot, frames, offsets, q) for q in joints.q]
+    with jax.enable_x64(True):
+        rest = jnp.zeros(robot.num_joints)
+        T_world_base = np.asarray(forward_kinematics(robot, rest, configuration.base))
+    tracked = bool(configuration.object and demonstrations.object_names)
+    if tracked:
+        tolerance = configuration.target.object_tolerance
+        poses = T_world_base @ np.stack(
+            [still_pose(d, configuration.object, tolerance, k) for k, d in enumerate(demonstrations)]
+        )
+    else:
+        poses = np.tile(T_world_base, (len(world_points), 1, 1))
+        poses[:, :3, 3] = np.mean([points[-1, 0] for points in world_points], axis=0)
+    points = tuple(in_frame(p, T) for p, T in zip(world_points, poses, strict=True))
+    subtasks = subtask_trajectories(
+        points,
+        samples=configuration.preprocessing.samples,
+        resample=configuration.preprocessing.resample,
+        taper=configuration.target.taper,
+        end_tolerance=configuration.target.end_tolerance,
+    )
+
+    def sample_of(k: int, n: int, fraction: float) -> int:
+        path = control_points(robot, frames[k : k + 1], offsets[k : k + 1], recorded[n].q)[:, 0]
+        length = np.concatenate([[0.0], np.linalg.norm(np.diff(path, axis=0), axis=1).cumsum()])
+        return int(np.searchsorted(length, fraction * length[-1]))
+
+    names = [subtask.name for subtask in configuration.subtasks]
+    paths = subtasks.positions
+    if configuration.method != "paper":  # all control points in one space: what counts is where they are together
+        K, names = len(names), [", ".join(names)]
+        paths = np.concatenate(paths, axis=-1)[None] / np.sqrt(K)
+    check_paths(paths, names, configuration.metric.spread, sample_of)
+    frame = f"object {configuration.object}" if tracked else f"axes of {configuration.base}, origin at the mean end"
+    return PreparedDemonstrations(joints, poses, points, subtasks, frame)
+
+
+def still_pose(demonstration: Demonstration, name: str, tolerance: float, index: int = 0) -> np.ndarray:
+    """The pose [4, 4] of an object at the first sample of a demonstration in which it stands still.
+
+    **Raises** `DemonstrationError` if it gets further than `tolerance`, m, from there; `UnknownNameError`.
+    """
+    first = demonstration.pose(name)
+    positions = demonstration.poses[name].reshape(-1, 4, 4)[:, :3, 3]
+    moved = np.linalg.norm(positions - first[:3, 3], axis=-1).max()
+    if moved > tolerance:
+        raise DemonstrationError(
+            f"{name!r} moves by {100 * moved:.1f} cm during demonstration {index}, allowed {100 * tolerance:.1f} cm: "
+            "the demonstrated path is not one path in its frame. Leave the demonstration out, choose an object that "
+            "stands still, or raise target.object_tolerance."
+        )
+    return first
+
+
+def control_point_frames(configuration: Configuration) -> tuple[tuple[str, ...], np.ndarray]:
+    """The frames of the control points in `configuration`, and their offsets [K, 3] in them, m."""
+    frames = tuple(subtask.frame for subtask in configuration.subtasks)
+    return frames, np.array([subtask.offset for subtask in configuration.subtasks])
+
+
+def in_frame(points: np.ndarray, T: np.ndarray) -> np.ndarray:
+    """World `points` [..., 3] seen from the frame at pose `T` [4, 4]."""
+    return (points - T[:3, 3]) @ T[:3, :3]
+
+
+@partial(jax.jit, static_argnums=2)
+def _poses(robot: Robot, q: jax.Array, frames: tuple[str, ...]) -> jax.Array:
+    return jax.vmap(lambda q: frame_poses(robot, q, frames))(q)
+
+
+def control_points(robot: Robot, frames: tuple[str, ...], offsets: np.ndarray, q: np.ndarray) -> np.ndarray:
+    """Positions [T, K, 3], m, in the world, of points at `offsets` [K, 3] in `frames` of `robot`, along `q` [T, n]."""
+    with jax.enable_x64(True):
+        poses = np.asarray(_poses(robot, jnp.asarray(np.asarray(q, float)), tuple(frames)))
+    return np.einsum("tkij,kj->tki", poses[:, :, :3, :3], offsets) + poses[:, :, :3, 3]
+
+
+def demonstrated_end(prepared: PreparedDemonstrations, robot: Robot, frame: str) -> np.ndarray:
+    """Where `prepared` demonstrations leave `frame` of `robot`, in the object's frame: the mean pose [4, 4].
+
+    **Raises** `UnknownNameError` for a frame that is not there.
+    """
+    with jax.enable_x64(True):
+        ends = [np.asarray(forward_kinematics(robot, q[-1], frame)) for q in prepared.joints.q]
+    return mean_pose(np.stack([np.linalg.inv(T) @ end for T, end in zip(prepared.poses, ends, strict=True)]))
