@@ -61,8 +61,7 @@ def whole(task: str) -> dict[str, Any]:
     since_start = time.clock_gettime(time.CLOCK_BOOTTIME) - _start_of_process()
     return {
         "total_s": since_start,
-        "loop_s": learning.seconds["metric_loop"],
-        "potentials_s": learning.seconds["potentials"],
+        **{f"{step}_s": seconds for step, seconds in learning.seconds.items()},
         "source": source_here(),
     }
 

@@ -81,7 +81,7 @@ print(f"{len(demonstrations)} demonstrations from {demonstrations.source}, objec
 # %%
 learned = learning.learn(configuration, robot, demonstrations)
 skill = learned.skill
-for name, choice in zip(skill.subtasks, learned.potentials, strict=True):
+for name, choice in zip(skill.subtasks, learned.paper.potentials, strict=True):
     print(
         f"{name:16s} kernel width {choice.trial.width} m, mean cosine to the demonstrations {choice.trial.alignment:.3f}"
     )

@@ -27,7 +27,7 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
         write_json(made, out / "made_by.json")
         skill_file = save_skill(learning.skill, out / f"{configuration.name}.skill.npz")
         progress("reproducing", 0.0)
-        reproduction = reproduce(learning.skill, robot, learning.prepared)
+        reproduction = learning.reproduction or reproduce(learning.skill, robot, learning.prepared)
         result = result_dict(reproduction, learning.skill, demonstrations.source)
         report = {**learning_report(learning), "reproduction": result}
         write_json(report, out / "learning_report.json")
@@ -62,8 +62,12 @@ def _summary(learning: Learning) -> str:
         ]
         if any(found):
             lines.append(f"demonstration {i}: {', '.join(filter(None, found))}")
+    lines.append(f"by the method {skill.method!r}: {learning.why}")
+    if learning.flow is not None:
+        fit = learning.flow.fit
+        lines.append(f"flow: stretches space by {fit.stretch[0]:.2g} to {fit.stretch[1]:.2g} on the demonstrations")
     widths = skill.configuration.potential.widths
-    for name, choice in zip(skill.subtasks, learning.potentials, strict=True):
+    for name, choice in zip(skill.subtasks, learning.paper.potentials if learning.paper else (), strict=False):
         trial, basin = choice.trial, choice.trial.basin
         at_edge = len(widths) > 1 and trial.width in (min(widths), max(widths))
         lines.append(
@@ -71,6 +75,5 @@ def _summary(learning: Learning) -> str:
             f"{' (at the edge of potential.widths)' if at_edge else ''}, basin "
             f"{basin.share_reached:.1%} of {basin.starts} starts, beyond 90 degrees {trial.beyond_90:.1%}"  # type: ignore[union-attr]
         )
-    total = sum(seconds[step] for step in ("preprocessing", "potentials", "metrics"))
-    lines.append(f"time: {total:.1f} s of learning, {seconds['metric_loop']:.1f} s of it in the training loop")
+    lines.append(f"time: {sum(seconds.values()):.1f} s, {', '.join(f'{step} {s:.1f}' for step, s in seconds.items())}")
     return "\n".join(lines)

@@ -40,11 +40,10 @@ def learning_page(
 ) -> Path:
     """Write what `learning_report.json` and `made_by.json` say, with the pictures, for a person."""
     reproduction, seconds = report["reproduction"], report["seconds"]
-    total = sum(seconds[step] for step in ("preprocessing", "potentials", "metrics"))
     parts = [
         paragraph(
-            f"Learned from {report['source']} in {total:.1f} s, of which {seconds['metric_loop']:.1f} s went into the "
-            f"training loop. Frame: {report['frame']}."
+            f"Learned from {report['source']} in {sum(seconds.values()):.1f} s by the method {report['method']!r}: "
+            f"{report['why']}. Frame: {report['frame']}."
         ),
         heading("How well it reproduces"),
         paragraph(f"Measured on {reproduction['measured_on']}; every rollout starts where its demonstration did."),
@@ -60,9 +59,39 @@ def learning_page(
                 "rests away from": lambda e: ", ".join(e["rests_away_from"]),
             },
         ),
+        *([_flow(report["flow"])] if report["flow"] else _subtasks(report["subtasks"])),
+        _page.pictures(figures),
+        heading("Demonstrations as they were read"),
+        records(
+            enumerate(report["demonstrations"]),
+            {
+                "demonstration": lambda d: d[0],
+                "samples": lambda d: d[1]["samples_read"],
+                "seconds": lambda d: f"{d[1]['duration']:.1f}",
+                "repeats merged": lambda d: d[1]["repeats_merged"],
+                "gaps": lambda d: d[1]["gaps"],
+                "largest gap, s": lambda d: f"{d[1]['largest_gap']:.3f}",
+                "pauses dropped, s": lambda d: f"{d[1]['pause_seconds_dropped']:.2f}",
+            },
+        ),
+        _page.settings(made_by, ("configuration", "versions")),
+    ]
+    return _page.write_page(path, f"{report['skill']}: what was learned", parts)
+
+
+def _flow(flow: Mapping[str, Any]) -> str:
+    return heading("Flow") + paragraph(
+        f"One flow moves the whole hand. Its loss fell from {flow['first_loss']:.3g} to {flow['last_loss']:.3g}; it "
+        f"stretches space by {flow['least_stretch']:.2g} to {flow['largest_stretch']:.2g} on the demonstrations, and "
+        "its one place of rest is the goal."
+    )
+
+
+def _subtasks(subtasks: Iterable[Mapping[str, Any]]) -> list[str]:
+    return [
         heading("Subtasks"),
         records(
-            report["subtasks"],
+            subtasks,
             {
                 "subtask": lambda s: s["name"],
                 "nominal demonstration": lambda s: s["nominal_demonstration"],
@@ -81,23 +110,7 @@ def learning_page(
             "The mean cosine is that between the potential's slope and the directions of all demonstrations. Samples "
             "beyond 90 degrees run against the potential, and no metric can turn it that far."
         ),
-        _page.pictures(figures),
-        heading("Demonstrations as they were read"),
-        records(
-            enumerate(report["demonstrations"]),
-            {
-                "demonstration": lambda d: d[0],
-                "samples": lambda d: d[1]["samples_read"],
-                "seconds": lambda d: f"{d[1]['duration']:.1f}",
-                "repeats merged": lambda d: d[1]["repeats_merged"],
-                "gaps": lambda d: d[1]["gaps"],
-                "largest gap, s": lambda d: f"{d[1]['largest_gap']:.3f}",
-                "pauses dropped, s": lambda d: f"{d[1]['pause_seconds_dropped']:.2f}",
-            },
-        ),
-        _page.settings(made_by, ("configuration", "versions")),
     ]
-    return _page.write_page(path, f"{report['skill']}: what was learned", parts)
 
 
 def run_page(

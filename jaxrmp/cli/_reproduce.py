@@ -45,10 +45,10 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
 def result_dict(reproduction: Reproduction, skill: Skill, measured_on: str) -> dict[str, Any]:
     """Errors per demonstration and in the mean, and which demonstrations they are about, as written by --json.
 
-    `rests_away_from` names, for each demonstration, the subtasks that the arm came to rest more than 1 cm away from.
+    `rests_away_from` names, for each demonstration, the `Skill.parts` that came to rest more than 1 cm from their goal.
     """
     ends = jax.vmap(arrival)(reproduction.rollouts)
-    missed = [[skill.subtasks[k] for k in np.flatnonzero(row)] for row in ends.out_of_reach]
+    missed = [[skill.parts[k] for k in np.flatnonzero(row)] for row in ends.out_of_reach]
     per_demo = [
         {"demo": i, **errors, "rests_away_from": names}
         for i, (errors, names) in enumerate(zip(reproduction.errors, missed, strict=True))

@@ -105,7 +105,7 @@ def _stability(found: Mapping[str, Any]) -> str:
                     "positive definite": lambda s: percent(s["metric"]["positive_definite_share"]),
                     "slope at the goal": lambda s: f"{s['goal']['slope']:.1e}",
                     "Hessian's eigenvalues at the goal, 1/m": lambda s: numbers(s["goal"]["hessian_eigenvalues"], 1),
-                    "stationary points": lambda s: len(s.get("stationary_points", ())),
+                    "stationary points": lambda s: len(s.get("stationary_points", ())) or "not looked for",
                 },
             ),
             table(

@@ -5,12 +5,13 @@ from typing import Any
 import jax
 import numpy as np
 
+from ..kinematics import Robot
 from ..learning import Skill
 from ..simulation import End, Problem
 from ._evaluate import Evaluation
 from ._regions import regions
 from ._rest_points import rest_points
-from ._stability import goal_hessians, learned_metrics, stationary_points
+from ._stability import flow_metrics, goal_hessians, learned_metrics, stationary_points
 
 _SHOWN = 1000  # failing starts that are listed one by one
 _AROUND = 0.3  # m around the region of the hand in which stationary points are looked for
@@ -63,7 +64,11 @@ def report(evaluation: Evaluation, skill: Skill, problem: Problem, *, stationary
 
 
 def stability(evaluation: Evaluation, skill: Skill, problem: Problem, *, stationary: bool = True) -> dict[str, Any]:
-    """Metrics, Hessians, stationary points and the certificate; see `report`."""
+    """Metrics, Hessians, stationary points and the certificate; see `report`. Of a flow, one row, for the hand."""
+    if skill.learned is None:  # its one stationary point is the goal, by construction: there is nothing to look for
+        configurations = np.concatenate([evaluation.starts, evaluation.outcomes.q])[:8192]
+        found = flow_metrics(skill, _robot_of(problem), configurations)
+        return {"subtasks": [{"name": skill.parts[0], **found}], "certificate": _certificate(evaluation)}
     # Places of the control points [M, K, 3] all over the region of starts and ends, targets at zero.
     ends = evaluation.ends.points[:4096]
     begun = ends + (evaluation.start_hand - evaluation.ends.hand)[:4096, None]
@@ -76,6 +81,12 @@ def stability(evaluation: Evaluation, skill: Skill, problem: Problem, *, station
         potential = jax.tree.map(lambda a, k=k: a[k], skill.learned.potential_of)
         subtask["stationary_points"] = stationary_points(potential, low, high)
     return {"subtasks": subtasks, "certificate": _certificate(evaluation)}
+
+
+def _robot_of(problem: Problem) -> Robot:
+    """The robot whose hand a problem follows."""
+    hand: Any = problem.hand
+    return hand.robot
 
 
 def _certificate(evaluation: Evaluation) -> dict[str, Any]:

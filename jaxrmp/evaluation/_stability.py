@@ -9,8 +9,12 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._certificate import certificate, uncertified_leaves
+from .._errors import ConfigurationError
 from .._linalg import cholesky_solve, matmul
+from ..kinematics import Robot
+from ..learning import Skill
 from ..learning._basin import cluster
+from ..learning._flow_training import stretches
 from ..leaves import Learned
 from ..simulation import Problem
 
@@ -35,6 +39,33 @@ def learned_metrics(learned: Learned, points: np.ndarray) -> list[dict[str, floa
         }
         for e in np.moveaxis(eigenvalues, 1, 0)
     ]
+
+
+def flow_metrics(skill: Skill, robot: Robot, q: np.ndarray) -> dict[str, Any]:
+    """As `learned_metrics` and `goal_hessians` have them, of the hand of a `skill` learned by a flow.
+
+    The metric is `w J^T J`, with J of the flow, at the places of the hand in configurations `q` [N, n] of the `robot`;
+    at the goal the potential is at least in all directions, whatever the flow is.
+    """
+    motion = skill.flow
+    if motion is None:
+        raise ConfigurationError("the skill was not learned by a flow.")
+    places = motion.task_map(robot, skill.frames, skill.T_world_object, None)
+    x = np.asarray(jax.jit(jax.vmap(places))(jnp.asarray(q, jnp.float32)))
+    eigenvalues = float(motion.attractor.weight) * stretches(motion.flow, x) ** 2
+    goal = stretches(motion.flow, np.zeros_like(x[:1]))[0] ** 2 * float(motion.attractor.speed)
+    return {
+        "metric": {
+            "least_eigenvalue": float(eigenvalues.min()),
+            "largest_eigenvalue": float(eigenvalues.max()),
+            "positive_definite_share": float((eigenvalues > 0).all(1).mean()),
+            "points": len(x),
+        },
+        "goal": {
+            "slope": float(np.linalg.norm(motion.flow(jnp.zeros(x.shape[1], x.dtype)))),
+            "hessian_eigenvalues": np.sort(goal / float(motion.attractor.taper)).tolist(),
+        },
+    }
 
 
 def goal_hessians(learned: Learned) -> list[dict[str, Any]]:

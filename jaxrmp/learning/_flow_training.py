@@ -131,7 +131,7 @@ def stretches(flow: Flow, x: np.ndarray) -> np.ndarray:
 
 @jax.jit
 def rays(flow: Flow, starts: jax.Array, shares: jax.Array) -> jax.Array:
-    """Where an attractor behind `flow` leads from rest at `starts` [N, m]: [N, T, m], with `shares` [T] of the way left."""
+    """Where an attractor behind `flow` leads from rest at `starts` [N, m], `shares` [T] of the way left: [N, T, m]."""
     y = jax.vmap(flow)(starts)
     return jax.vmap(lambda y: jax.vmap(lambda share: flow.inverse(share * y))(shares))(y)
 

@@ -12,15 +12,15 @@ from .._linalg import cholesky_solve, einsum, matmul
 from .._pytree import pytree, single, static
 from .._rotations import vector_of_rotation
 from .._task_map import Pushforward, RigidTransform, TaskMap, Translation, compose, pushforward
-from .._tree import Node, Sum, pullback
+from .._tree import Node, Sum, on_coordinates, pullback
 from ..kinematics import ControlPoints, Robot, forward_kinematics, geometric_jacobian
-from ..leaves import CruisingAttractor, Funnel
+from ..leaves import CruisingAttractor, Funnel, Posture
 from ._configuration import FlowSettings, PolicySettings
 from ._flow import Flow
 
 _DAMPING = 0.02  # of inverse kinematics, m (and rad), so that near a singularity joints stay where they are
 _MARGIN = 0.05  # rad or m that moved postures keep from limits
-_REST = {"speed": 1.0, "damping_rate": 40.0, "taper": 0.15}  # of the pull to the joints' end
+_REST = {"stiffness": 100.0, "damping_rate": 20.0}  # of the pull to the joints' end, critically damped
 
 
 @pytree
@@ -52,7 +52,7 @@ class HandFlow:
     flow: Flow
     attractor: CruisingAttractor
     funnel: Funnel | None
-    posture: CruisingAttractor | None
+    posture: Posture | None
     offsets: jax.Array
     targets: jax.Array
     hands: jax.Array
@@ -70,20 +70,24 @@ class HandFlow:
         """The learned policy as a node on joint space, the object at `T` [4, 4]."""
         return pullback(compose(self.task_map(robot, frames, T, targets), self.flow), self.attractor)
 
-    def on_joints(self, robot: Robot, T_before: jax.Array, T: jax.Array) -> Node:
-        """Funnel and posture of a `robot` for an object that moved from `T_before` to `T` [4, 4]: to first order."""
+    def on_joints(self, robot: Robot, joints: tuple[int, ...], T_before: jax.Array, T: jax.Array) -> Node:
+        """Funnel and posture of the arm, the coordinates `joints` of `robot`, for an object that moved from `T_before`
+        to `T` [4, 4]: to first order."""
         postures = [] if self.funnel is None else [jnp.asarray(self.funnel.postures)]
-        postures += [] if self.posture is None else [jnp.asarray(self.posture.goal)[None]]
+        postures += [] if self.posture is None else [jnp.asarray(self.posture.rest)[None]]
         if not postures:
             return Sum(())
         q = jnp.concatenate(postures)
         moved = _followed(q, self.hands[-len(q) :], self.moves[-len(q) :], T_before, T)
-        free = _MARGIN * (robot.upper - robot.lower > 4 * _MARGIN)
-        moved = jnp.clip(moved, jnp.asarray(robot.lower + free, q.dtype), jnp.asarray(robot.upper - free, q.dtype))
+        lower, upper = (limit[np.array(joints)] for limit in (robot.lower, robot.upper))
+        margin = _MARGIN * (upper - lower > 4 * _MARGIN)
+        moved = jnp.clip(moved, jnp.asarray(lower + margin, q.dtype), jnp.asarray(upper - margin, q.dtype))
         node: Node = Sum(())
         if self.funnel is not None:
             node = node + replace(self.funnel, postures=moved[: len(self.funnel.postures)])
-        return node if self.posture is None else node + replace(self.posture, goal=moved[-1])
+        if self.posture is not None:
+            node = node + replace(self.posture, rest=moved[-1])
+        return on_coordinates(joints, robot.num_joints, node)
 
     def targets_at(self, offsets: jax.Array, targets: jax.Array) -> jax.Array:
         """Where its points go if the control points at `offsets` go to `targets`, both [K, 3], as one rigid hand."""
@@ -136,7 +140,7 @@ def hand_flow(
     hands, moves = _hands(robot, at, frame, tuple(offsets.mean(0).tolist()))
     gains = {"speed": policy.speed, "damping_rate": policy.damping_rate, "weight": settings.weight}
     funnel = Funnel(postures, settings.funnel, inner=settings.inner, outer=settings.outer) if settings.funnel else None
-    posture = CruisingAttractor(end, settings.posture, **_REST, name="posture") if settings.posture else None
+    posture = Posture(end, settings.posture, **_REST) if settings.posture else None
     attractor = CruisingAttractor(np.zeros(offsets.size), **gains, name="learned")
     return single(HandFlow(flow, attractor, funnel, posture, offsets, targets, hands, moves, turned))
 

@@ -39,6 +39,14 @@ class Learning(NamedTuple):
     why: str
     seconds: dict[str, float]
 
+    @property
+    def losses(self) -> np.ndarray:
+        """The training's losses, [updates, P], for each of the skill's `parts`."""
+        if self.flow is not None:
+            return self.flow.fit.losses[:, None]
+        assert self.paper is not None  # one of the two
+        return self.paper.metric.losses
+
 
 def learn(
     configuration: Configuration, robot: Robot, demonstrations: DemonstrationSet, progress: Progress | None = None
@@ -87,9 +95,7 @@ def learn(
             why = f"no flow passes: {error}"
             lap("flow")
     paper = learn_paper(configuration, prepared.subtasks, progress)
-    lap("potentials and metrics")
-    metric = paper.metric
-    seconds |= {"metric_compilation": metric.compilation_seconds, "metric_loop": metric.loop_seconds}
+    lap("paper")
     skill = _skill(configuration, robot, demonstrations, prepared, paper.learned, None)
     return Learning(skill, prepared, paper, None, None, why, seconds)
 

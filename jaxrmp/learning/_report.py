@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from ._flow_training import FlowFit
 from ._learn import Learning
 from ._potential_choice import PotentialChoice, WidthTrial
 from ._subtask_trajectories import end_spread
@@ -11,25 +12,30 @@ def learning_report(learning: Learning) -> dict[str, Any]:
     """Everything worth knowing of `learning`, a `Learning`, as dictionaries, lists, numbers and strings, fit for JSON
     but for figures that do not exist, which are NaN.
 
-    Per subtask: nominal demonstration, kernel width and all widths tried, solver status and objective, residual slope
-    at the end before its correction, Hessian eigenvalues at the goal (1/m), share of samples that no metric can turn
-    (beyond 90 degrees), basin, first and last loss. Lengths in metres, times in seconds.
+    `method` and `why` it; of a flow its first and last loss and how much it stretches space on the demonstrations, else
+    null. Per subtask, none for a flow: nominal demonstration, kernel width and all widths tried, solver status and
+    objective, residual slope at the end before its correction, Hessian eigenvalues at the goal (1/m), share of samples
+    that no metric can turn (beyond 90 degrees), basin, first and last loss. Lengths in metres, times in seconds.
     """
     prepared = learning.prepared
-    spread = end_spread(prepared.points)
-    subtasks = [
-        {
-            "name": name,
-            "nominal_demonstration": learning.nominal[k],
-            "potential": _potential(learning.potentials[k]),
-            "metric": {
-                "first_loss": float(learning.metric.losses[0, k]),
-                "last_loss": float(learning.metric.losses[-1, k]),
-                "losses": [float(v) for v in learning.metric.losses[:: max(len(learning.metric.losses) // 100, 1), k]],
-            },
-        }
-        for k, name in enumerate(learning.skill.subtasks)
-    ]
+    spread, paper = end_spread(prepared.points), learning.paper
+    subtasks = (
+        []
+        if paper is None
+        else [
+            {
+                "name": name,
+                "nominal_demonstration": paper.nominal[k],
+                "potential": _potential(paper.potentials[k]),
+                "metric": {
+                    "first_loss": float(paper.metric.losses[0, k]),
+                    "last_loss": float(paper.metric.losses[-1, k]),
+                    "losses": [float(v) for v in paper.metric.losses[:: max(len(paper.metric.losses) // 100, 1), k]],
+                },
+            }
+            for k, name in enumerate(learning.skill.subtasks)
+        ]
+    )
     demonstrations = [
         {**report._asdict(), "end_spread": [float(v) for v in spread[i]]}
         for i, report in enumerate(prepared.joints.reports)
@@ -38,9 +44,22 @@ def learning_report(learning: Learning) -> dict[str, Any]:
         "skill": learning.skill.configuration.name,
         "source": learning.skill.source,
         "frame": prepared.frame,
+        "method": learning.skill.method,
+        "why": learning.why,
+        "flow": None if learning.flow is None else _flow(learning.flow.fit),
         "subtasks": subtasks,
         "demonstrations": demonstrations,
         "seconds": learning.seconds,
+    }
+
+
+def _flow(fit: FlowFit) -> dict[str, Any]:
+    return {
+        "first_loss": float(fit.losses[0]),
+        "last_loss": float(fit.losses[-100:].mean()),
+        "losses": [float(v) for v in fit.losses[:: max(len(fit.losses) // 100, 1)]],
+        "least_stretch": fit.stretch[0],
+        "largest_stretch": fit.stretch[1],
     }
 
 

@@ -57,10 +57,20 @@ class Skill:
         return "paper" if self.flow is None else "flow"
 
     @property
+    def parts(self) -> tuple[str, ...]:
+        """Names of what was learned apart: its subtasks, or by a flow the hand."""
+        return self.subtasks if self.flow is None else ("hand",)
+
+    @property
+    def turned(self) -> bool:
+        """Whether how the hand is turned on its way is part of what was learned."""
+        return self.flow is not None and self.flow.turned
+
+    @property
     def damping_rate(self) -> float:
         """The largest damping rate of what was learned, 1/s: steps of an engine must be shorter than one over it."""
-        leaf = self.learned or self.flow.attractor
-        return float(np.max(leaf.damping_rate))
+        leaf = self.learned if self.flow is None else self.flow.attractor
+        return float(np.max(leaf.damping_rate)) if leaf is not None else 0.0
 
     def task_map(
         self, robot: Robot, T_world_object: jax.Array | None = None, targets: jax.Array | None = None
@@ -87,16 +97,22 @@ class Skill:
         points = None if targets is None else self.flow.targets_at(self.offsets, targets)
         return self.flow.leaf(robot, self.frames, pose, points)
 
-    def on_joints(self, robot: Robot, T_world_object: jax.Array | None = None) -> Node:
-        """What acts on the joints of `robot` that it was learned on: damping, limits, and with a flow what leads them
-        back to where it was learned, for the object at `T_world_object` [4, 4]."""
-        node = self.joint_damping + Sum(())
+    def on_joints(
+        self, robot: Robot, T_world_object: jax.Array | None = None, joints: tuple[int, ...] | None = None
+    ) -> Node:
+        """What acts on the joints: damping, limits, and with a flow what leads them back to where it was learned.
+
+        **Arguments**: `T_world_object` as in `task_map`; `joints`, coordinates of `robot`, the arm's, by default all.
+        """
+        n = robot.num_joints
+        joints = tuple(range(n)) if joints is None else joints
+        node = on_coordinates(joints, n, self.joint_damping) + Sum(())
         if self.joint_limit is not None:
-            node = node + on_coordinates(self.limited, robot.num_joints, self.joint_limit)
+            node = node + on_coordinates(tuple(joints[i] for i in self.limited), n, self.joint_limit)
         if self.flow is None:
             return node
         pose = self.T_world_object if T_world_object is None else T_world_object
-        return node + self.flow.on_joints(robot, self.T_world_object, pose)
+        return node + self.flow.on_joints(robot, joints, self.T_world_object, pose)
 
     def tree(self, robot: Robot, T_world_object: jax.Array | None = None, targets: jax.Array | None = None) -> Node:
         """The whole policy: learned leaves, and those of `on_joints`; arguments as in `task_map`."""

@@ -15,8 +15,10 @@ from .._errors import JaxrmpError, SkillFileError
 from .._files import atomic_write, read_npz
 from .._task_map import check_rigid
 from .._version import __version__
-from ..leaves import Damping, JointLimit, Learned, NominalPotential
+from ..leaves import CruisingAttractor, Damping, Funnel, JointLimit, Learned, NominalPotential, Posture
 from ._configuration_file import configuration_from_dict, configuration_to_dict
+from ._flow import Couplings, Flow
+from ._hand_flow import HandFlow
 from ._metric_network import CholeskyFactor, initial_cholesky_factor
 from ._skill import Skill
 from ._skill_versions import VERSION, SkillContent, up_to_date
@@ -27,19 +29,22 @@ _HEADER = "header.json"
 _PLACES = ("offsets", "targets", "T_world_object", "R_object_hand")
 _NAMES = ("frames", "subtasks", "limited")
 _TEXTS = ("robot_fingerprint", "source")
+_HAND, _FLOW = ("offsets", "targets", "hands", "moves"), ("back", "length", "origin")
+_FLOW_LEAVES = {
+    "attractor": (CruisingAttractor, {"name": "learned"}),
+    "funnel": (Funnel, {}),
+    "posture": (Posture, {}),
+}
 _NETWORK = ("dimension", "hidden", "activation", "offset")
 
 
 def save_skill(skill: Skill, path: str | os.PathLike) -> Path:
     """Write `skill` to `path` (conventionally `NAME.skill.npz`); the file appears whole or not at all."""
-    factor = skill.learned.cholesky_of
-    if not isinstance(factor, CholeskyFactor) or not isinstance(skill.learned.potential_of, NominalPotential):
-        raise SkillFileError("only skills of a NominalPotential and a CholeskyFactor can be saved.")
-    arrays = _parameters("potential", skill.learned.potential_of)
-    arrays |= {f"metric/{layer}/{name}": a for layer, d in factor.weights.items() for name, a in d.items()}
-    arrays |= {"metric/length_scale": factor.length_scale}
-    arrays |= _parameters("support", factor.support)
-    arrays |= {"gains/speed": skill.learned.speed, "gains/damping_rate": skill.learned.damping_rate}
+    network, flow = None, None
+    if skill.flow is not None:
+        arrays, flow = _flow_arrays(skill.flow), {"turned": skill.flow.turned}
+    else:
+        arrays, network = _learned_arrays(skill.learned)
     arrays |= {name: getattr(skill, name) for name in _PLACES}
     arrays |= _parameters("joint_damping", skill.joint_damping) | _parameters("joint_limit", skill.joint_limit)
     arrays = {name: np.asarray(a) for name, a in arrays.items()}
@@ -48,7 +53,8 @@ def save_skill(skill: Skill, path: str | os.PathLike) -> Path:
         "version": VERSION,
         "jaxrmp": __version__,
         **{name: getattr(skill, name) for name in (*_NAMES, *_TEXTS)},
-        "network": {name: getattr(factor, name) for name in _NETWORK} | {"supported": factor.support is not None},
+        "network": network,
+        "flow": flow,
         "configuration": configuration_to_dict(skill.configuration),
         "arrays": {name: [str(a.dtype), list(a.shape)] for name, a in arrays.items()},
     }
@@ -89,9 +95,8 @@ def load_skill(path: str | os.PathLike) -> Skill:
 
 
 def _skill_from(header: dict[str, Any], arrays: dict[str, np.ndarray]) -> Skill:
-    others = ("format", "version", "jaxrmp", "network", "configuration", "arrays")
+    others = ("format", "version", "jaxrmp", "network", "flow", "configuration", "arrays")
     _same("header entries", header, (*others, *_NAMES, *_TEXTS))
-    _same("network entries", header["network"], (*_NETWORK, "supported"))
     configuration = configuration_from_dict(header["configuration"])
     left = {name: jnp.asarray(a) for name, a in arrays.items()}
     for name, a in arrays.items():
@@ -101,19 +106,13 @@ def _skill_from(header: dict[str, Any], arrays: dict[str, np.ndarray]) -> Skill:
             )
         if not np.isfinite(a).all():
             raise SkillFileError(f"array {name} holds non-finite numbers.")
-    network = header["network"]
-    template = initial_cholesky_factor(jax.random.key(0), **{name: network[name] for name in _NETWORK})
     K = len(header["subtasks"])
-    weights = {
-        layer: {name: _taken(left, f"metric/{layer}/{name}", (K, *jnp.shape(a))) for name, a in parameters.items()}
-        for layer, parameters in template.weights.items()
-    }
-    support = _built(Support, "support", left) if network["supported"] else None
-    factor = replace(template, weights=weights, length_scale=_taken(left, "metric/length_scale", (K,)), support=support)
-    potential = _built(NominalPotential, "potential", left)
+    learned = _learned_from(header["network"], left, K) if header["flow"] is None else None
+    flow = _flow_from(header["flow"], left) if header["flow"] is not None else None
     shapes = zip(_PLACES, ((K, 3), (K, 3), (4, 4), (3, 3)), strict=True)
     skill = Skill(
-        learned=Learned(potential, factor, _taken(left, "gains/speed", (K,)), _taken(left, "gains/damping_rate", (K,))),
+        learned=learned,
+        flow=flow,
         joint_damping=_built(Damping, "joint_damping", left, name="joint_damping"),
         joint_limit=_built(JointLimit, "joint_limit", left) if header["limited"] else None,
         configuration=configuration,
@@ -123,9 +122,60 @@ def _skill_from(header: dict[str, Any], arrays: dict[str, np.ndarray]) -> Skill:
     )
     _same("arrays", left, set())
     check_rigid(skill.T_world_object, "T_world_object")
-    if len(skill.frames) != K or potential.points.shape[:1] != (K,):
-        raise SkillFileError(f"{len(skill.frames)} frames and {len(potential.points)} potentials for {K} subtasks.")
+    if len(skill.frames) != K:
+        raise SkillFileError(f"{len(skill.frames)} frames for {K} subtasks.")
     return skill
+
+
+def _learned_arrays(learned: Any) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The arrays of the paper's leaves, and the structure of their network."""
+    factor = learned.cholesky_of
+    if not isinstance(factor, CholeskyFactor) or not isinstance(learned.potential_of, NominalPotential):
+        raise SkillFileError("only skills of a NominalPotential and a CholeskyFactor can be saved.")
+    arrays = _parameters("potential", learned.potential_of)
+    arrays |= {f"metric/{layer}/{name}": a for layer, d in factor.weights.items() for name, a in d.items()}
+    arrays |= {"metric/length_scale": factor.length_scale}
+    arrays |= _parameters("support", factor.support)
+    arrays |= {"gains/speed": learned.speed, "gains/damping_rate": learned.damping_rate}
+    return arrays, {name: getattr(factor, name) for name in _NETWORK} | {"supported": factor.support is not None}
+
+
+def _learned_from(network: dict[str, Any], left: dict[str, Any], K: int) -> Learned:
+    _same("network entries", network, (*_NETWORK, "supported"))
+    template = initial_cholesky_factor(jax.random.key(0), **{name: network[name] for name in _NETWORK})
+    weights = {
+        layer: {name: _taken(left, f"metric/{layer}/{name}", (K, *jnp.shape(a))) for name, a in parameters.items()}
+        for layer, parameters in template.weights.items()
+    }
+    support = _built(Support, "support", left) if network["supported"] else None
+    factor = replace(template, weights=weights, length_scale=_taken(left, "metric/length_scale", (K,)), support=support)
+    potential = _built(NominalPotential, "potential", left)
+    if potential.points.shape[:1] != (K,):
+        raise SkillFileError(f"{len(potential.points)} potentials for {K} subtasks.")
+    return Learned(potential, factor, _taken(left, "gains/speed", (K,)), _taken(left, "gains/damping_rate", (K,)))
+
+
+def _flow_arrays(motion: HandFlow) -> dict[str, Any]:
+    """The arrays of a flow and of what goes with it."""
+    flow, arrays = motion.flow, {f"flow/{name}": getattr(motion, name) for name in _HAND}
+    arrays |= {f"flow/{name}": getattr(flow, name) for name in _FLOW} | _parameters("couplings", flow.couplings)
+    for name in _FLOW_LEAVES:
+        arrays |= _parameters(name, getattr(motion, name))
+    return arrays
+
+
+def _flow_from(structure: dict[str, Any], left: dict[str, Any]) -> HandFlow:
+    _same("flow entries", structure, ("turned",))
+    flow = Flow(_built(Couplings, "couplings", left), **{name: left.pop(f"flow/{name}") for name in _FLOW})
+    leaves = {
+        name: _built(kind, name, left, **named) if f"{name}/weight" in left else None
+        for name, (kind, named) in _FLOW_LEAVES.items()
+    }
+    motion = HandFlow(flow, **leaves, **{name: left.pop(f"flow/{name}") for name in _HAND}, **structure)
+    m = flow.back.shape[-1]
+    if flow.couplings.rotation.shape[1:] != (m, m) or motion.offsets.size != m or motion.targets.size != m:
+        raise SkillFileError(f"a flow of {m} coordinates for offsets of shape {motion.offsets.shape}.")
+    return motion
 
 
 def _parameters(prefix: str, value: Any) -> dict[str, Any]:

@@ -1,18 +1,20 @@
 """A skill on a robot that holds more than the arm that it was learned on, such as a second arm or a torso."""
 
+import warnings
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import jax
 import numpy as np
 
-from .._errors import RobotError
+from .._errors import FileWarning, RobotError
 from .._linalg import einsum, matmul
 from .._pytree import pytree, static
-from .._tree import Node, on_coordinates
-from ..kinematics import Robot, arm_differences
+from .._tree import Node
+from ..kinematics import Robot, arm_differences, forward_kinematics
 
 if TYPE_CHECKING:
+    from ._hand_flow import HandFlow
     from ._skill import Skill
 
 
@@ -33,6 +35,11 @@ class SkillOnRobot:
         return self.skill.frames
 
     @property
+    def turned(self) -> bool:
+        """See `Skill.turned`."""
+        return self.skill.turned
+
+    @property
     def R_object_hand(self) -> jax.Array:
         """How the first of `frames` is turned where the demonstrations end, in the object's frame, [3, 3]."""
         return self.skill.R_object_hand
@@ -43,10 +50,8 @@ class SkillOnRobot:
         **Arguments**: `T_world_object` [4, 4], where the object is in that robot's world, default where it was
         demonstrated; `targets` [K, 3], see `Skill.task_map`.
         """
-        n, limited = robot.num_joints, tuple(self.joints[i] for i in self.skill.limited)
         leaf = self.skill.leaf(robot, T_world_object, targets)
-        tree = leaf + on_coordinates(self.joints, n, self.skill.joint_damping)
-        return tree if self.skill.joint_limit is None else tree + on_coordinates(limited, n, self.skill.joint_limit)
+        return leaf + self.skill.on_joints(robot, T_world_object, self.joints)
 
 
 def skill_on_robot(skill: "Skill", robot: Robot, arm: Robot) -> SkillOnRobot:
@@ -69,5 +74,29 @@ def skill_on_robot(skill: "Skill", robot: Robot, arm: Robot) -> SkillOnRobot:
     offsets = einsum("kij,kj->ki", R, skill.offsets) + np.array([frame.position for frame in at])
     points = {"offsets": offsets.astype(skill.offsets.dtype), "R_object_hand": matmul(skill.R_object_hand, R[0].T)}
     frames = tuple(arm.model.bodies[frame.body].name for frame in at)
+    if skill.flow is not None:
+        points["flow"] = _flow_on(skill.flow, skill, R, np.array([frame.position for frame in at]), robot, arm)
     moved = replace(skill, frames=frames, robot_fingerprint=robot.fingerprint, **points)
     return SkillOnRobot(moved, tuple(robot.joint_index(name) for name in arm.joint_names))
+
+
+def _flow_on(flow: "HandFlow", skill: "Skill", R: np.ndarray, at: np.ndarray, robot: Robot, arm: Robot) -> "HandFlow":
+    """A skill's flow with its points in the frames of bodies, turned by `R` and at `at`. Its funnel and posture hold
+    where the arm stands as it stood; elsewhere they are left out, and it is said."""
+    R, at = (R[:1].repeat(len(flow.offsets), 0), at[:1]) if flow.turned else (R, at)
+    offsets = (einsum("kij,kj->ki", R, flow.offsets) + at).astype(np.float32)
+    q = np.zeros(robot.num_joints)
+    rows = [robot.joint_index(name) for name in arm.joint_names]
+    q[rows] = arm.middle
+    there, here = (forward_kinematics(*found, skill.frames[0]) for found in ((arm, arm.middle), (robot, q)))
+    others = set(robot.model.joints_above(robot.model.frames[robot.frame_index(skill.frames[0])].body))
+    moving = len(others) > len(arm.model.joints_above(arm.model.frames[arm.frame_index(skill.frames[0])].body))
+    if not moving and np.allclose(there, here, atol=1e-5):
+        return replace(flow, offsets=offsets)
+    warnings.warn(
+        f"skill {skill.configuration.name!r}: {robot.name!r} has its arm elsewhere, or moves it as a whole. The funnel "
+        "that leads joints back to where the skill was learned is left out: from far away it may not arrive.",
+        FileWarning,
+        stacklevel=4,
+    )
+    return replace(flow, offsets=offsets, funnel=None, posture=None)

@@ -7,7 +7,7 @@ import numpy as np
 from .._errors import SkillFileError
 from .._rotations import nearest_rotation
 
-VERSION = 4
+VERSION = 5
 
 
 class SkillContent(NamedTuple):
@@ -28,7 +28,7 @@ def up_to_date(content: SkillContent) -> SkillContent:
             f"it is of version {version!r}; this jaxrmp reads versions 1 to {VERSION}. It was written by jaxrmp "
             f"{content.header.get('jaxrmp', 'unknown')}: use that or a newer one, or learn the skill again."
         )
-    for migrate in (_from_1_to_2, _from_2_to_3, _from_3_to_4)[version - 1 :]:
+    for migrate in (_from_1_to_2, _from_2_to_3, _from_3_to_4, _from_4_to_5)[version - 1 :]:
         content = migrate(content)
     return content
 
@@ -72,3 +72,9 @@ def _from_3_to_4(content: SkillContent) -> SkillContent:
     if "rate" in policy["joint_damping"]:
         policy["joint_damping"]["damping_rate"] = policy["joint_damping"].pop("rate")
     return SkillContent(header | {"configuration": header["configuration"] | {"policy": policy}}, arrays)
+
+
+def _from_4_to_5(content: SkillContent) -> SkillContent:
+    """A skill says by which method it was learned; before there was a flow, by the paper's."""
+    header = content.header | {"flow": None, "configuration": content.header["configuration"] | {"method": "paper"}}
+    return SkillContent(header, content.arrays)

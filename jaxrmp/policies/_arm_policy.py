@@ -75,9 +75,10 @@ class ArmPolicy:
 def whole_arm_policy(skill: Any | Sequence[Any], robot: Robot, spheres: RobotSpheres | None = None) -> ArmPolicy:
     """A skill, and what an arm needs beside it: the hand's turn, no collision with itself, velocity limits, avoidance.
 
-    All is certified, and in single precision. The hand is turned as the demonstrations left it: the paper's three
-    control points lie within 3 mm of one line, so that learned leaves leave the turn about it all but free; the weight
-    is small enough to be felt there only. Avoidance is felt within 5 cm, and little, not to change what was learned.
+    All is certified, and in single precision. The hand is turned as the demonstrations left it, unless the skill turns
+    it on its own, as a flow does: the paper's three control points lie within 3 mm of one line, so that learned leaves
+    leave the turn about it all but free; the weight is small enough to be felt there only. Avoidance is felt within
+    5 cm, and little, not to change what was learned.
 
     Several skills, a list of K, act at once, each with its own target, [K, 4, 4] in all, or with one for all, [4, 4]. A
     skill that was learned on one arm runs on a robot that has more (`learning.Skill.on`); joints that no skill knows,
@@ -93,8 +94,9 @@ def whole_arm_policy(skill: Any | Sequence[Any], robot: Robot, spheres: RobotSph
     if not given:
         raise ConfigurationError("skill is empty, expected a skill, or one for each arm.")
     skills = [each.on(robot) if hasattr(each, "on") else each for each in given]
-    tasks = tuple(task for each in skills for task in (each, _turn(each)))
-    target_of = tuple(k for k in range(len(skills)) for _ in range(2)) if several else ()
+    of = [[each] if getattr(each, "turned", False) else [each, _turn(each)] for each in skills]
+    tasks = tuple(task for each in of for task in each)
+    target_of = tuple(k for k, each in enumerate(of) for _ in each) if several else ()
     whole = spheres or _spheres_of(robot)
     always = self_avoidance(robot, whole) + velocity_limits(robot) + _of_others(robot, skills)
     close = spheres or (whole and _spheres_of(robot, [each.frames[0] for each in skills]))

@@ -77,5 +77,5 @@ def skill_content(
         furniture=scene,
         balls=_BALLS[:balls] if built_in else np.zeros((0, 3)),
         frames=tuple(dict.fromkeys(skill.frames)),
-        labels=tuple(f"learned: {name}" for name in skill.subtasks),
+        labels=tuple(f"learned: {name}" for name in skill.parts),
     )

@@ -19,17 +19,19 @@ from ._widths import width_figure
 
 
 def save_learning_figures(learning: Learning, folder: str | os.PathLike) -> list[Path]:
-    """Write the figures of `learning` to `folder`, made if need be: fields, kernel widths and training losses.
+    """Write the figures of `learning` to `folder`, made if need be: training losses, and by the paper's method fields
+    and kernel widths.
 
     **Returns** the paths of the PNG files, none of them ever half written.
     **Raises** `MissingDependencyError` without matplotlib.
     """
     folder = Path(folder)
     paths = []
-    for k, name in enumerate(learning.skill.subtasks):
-        safe = re.sub(r"[^\w-]+", "_", name)
-        paths.append(_save(vector_field_figure(learning, k), folder / f"vector_field_{k}_{safe}.png"))
-    paths.append(_save(width_figure(learning), folder / "kernel_width.png"))
+    if learning.paper is not None:
+        for k, name in enumerate(learning.skill.subtasks):
+            safe = re.sub(r"[^\w-]+", "_", name)
+            paths.append(_save(vector_field_figure(learning, k), folder / f"vector_field_{k}_{safe}.png"))
+        paths.append(_save(width_figure(learning), folder / "kernel_width.png"))
     paths.append(_save(loss_figure(learning), folder / "loss.png"))
     return paths
 

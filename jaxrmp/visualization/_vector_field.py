@@ -3,7 +3,7 @@
 import jax
 import numpy as np
 
-from .._errors import UnknownNameError
+from .._errors import ConfigurationError, UnknownNameError
 from ..learning import Learning
 from ..learning._potential_choice import cosines
 from ._plane import Plane, demonstration_plane, field_on_plane, fields_at
@@ -21,12 +21,17 @@ def vector_field_figure(learning: Learning, subtask: int = 0) -> Figure:
 
     **Arguments**: `learning`, by `learn`; `subtask`, its index.
     **Returns** a matplotlib `Figure`.
-    **Raises** `UnknownNameError` for an index that is not there; `MissingDependencyError` without matplotlib.
+    **Raises** `UnknownNameError` for an index that is not there; `ConfigurationError` for a flow, which has no field of
+    a subtask; `MissingDependencyError` without matplotlib.
 
     Rana et al. 2019, figures 1b and 1c.
     """
     names = learning.skill.subtasks
     UnknownNameError.check("subtask index", subtask, range(len(names)))
+    if learning.paper is None:
+        raise ConfigurationError(
+            "a flow moves the whole hand, and no subtask has a field. Learn with method = 'paper'."
+        )
     learned = jax.tree.map(lambda a: a[subtask], learning.skill.learned)
     positions = learning.prepared.subtasks.positions[subtask]
     directions = learning.prepared.subtasks.directions[subtask]
@@ -47,7 +52,7 @@ def vector_field_figure(learning: Learning, subtask: int = 0) -> Figure:
         axes.streamplot(
             field.u, field.v, flow[..., 0], flow[..., 1], color=GREY, linewidth=0.7, arrowsize=0.8, density=1.3
         )
-        _demonstrations(axes, paths, learning.nominal[subtask])
+        _demonstrations(axes, paths, learning.paper.nominal[subtask])
         cosine = cosines(at, directions, positions).mean()
         caption = f"{title}\nmean cosine to the demonstrated directions {cosine:.3f}"
         label_axes(axes, _axis_label(plane, 0), _axis_label(plane, 1), caption)

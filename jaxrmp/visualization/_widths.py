@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from .._errors import ConfigurationError
 from ..learning import Learning
 from ._style import BLACK, GOAL, GREY, MARKERS, Figure, label_axes, legend_below, new_figure, series_style
 
@@ -13,15 +14,18 @@ def width_figure(learning: Learning) -> Figure:
     degrees of them; right the share of starts whose descent ends at the goal, for the widths it was measured for
     (the best so far). Widths whose convex program failed are crosses at the foot of the left panel.
 
-    **Returns** a matplotlib `Figure`. **Raises** `MissingDependencyError` without matplotlib.
+    **Returns** a matplotlib `Figure`.
+    **Raises** `ConfigurationError` for a flow, which has no potentials; `MissingDependencyError` without matplotlib.
     """
+    if learning.paper is None:
+        raise ConfigurationError("a flow has no potentials, and so no kernel widths. Learn with method = 'paper'.")
     figure = new_figure(12.0, 4.2)
     panels = figure.subplots(1, 3)
     names, K = learning.skill.subtasks, len(learning.skill.subtasks)
-    tried = sorted({100 * trial.width for choice in learning.potentials for trial in choice.trials})
+    tried = sorted({100 * trial.width for choice in learning.paper.potentials for trial in choice.trials})
     gap = min(np.diff(tried), default=tried[0])
     failed: list[float] = []
-    for k, (name, choice, style) in enumerate(zip(names, learning.potentials, series_style(K), strict=True)):
+    for k, (name, choice, style) in enumerate(zip(names, learning.paper.potentials, series_style(K), strict=True)):
         trials = sorted(choice.trials, key=lambda trial: trial.width)
         width = np.array([100 * trial.width for trial in trials])
         chosen = 100 * choice.trial.width

@@ -30,7 +30,7 @@ CONFIGS = Path(__file__).parents[2] / "configs"
 
 @pytest.fixture(scope="module")
 def configuration():
-    fast = {"metric.updates": 100, "potential.widths": [0.05], "potential.basin_starts": 100}
+    fast = {"method": "paper", "metric.updates": 100, "potential.widths": [0.05], "potential.basin_starts": 100}
     return load_configuration(CONFIGS / "door_reaching.toml", fast)
 
 
@@ -53,7 +53,7 @@ def test_a_skill_ends_where_the_demonstrations_end_in_the_objects_frame(learning
     np.testing.assert_allclose(last, np.broadcast_to(learning.skill.targets, last.shape), atol=5e-3)
     report = learning_report(learning)
     assert report["frame"] == "object door_handle"
-    assert [s["nominal_demonstration"] for s in report["subtasks"]] == list(learning.nominal)
+    assert [s["nominal_demonstration"] for s in report["subtasks"]] == list(learning.paper.nominal)
 
 
 def test_too_large_steps_are_reported_and_not_returned(learning):

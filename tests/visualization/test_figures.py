@@ -256,7 +256,7 @@ def test_loss_figure(learning):
     (axes,) = loss_figure(learning).axes
     assert axes.get_yscale() == "log" and axes.get_xlabel() == "update" and "Huber" in axes.get_ylabel()
     assert [line.get_label() for line in axes.lines] == list(NAMES)
-    for line, loss in zip(axes.lines, learning.metric.losses.T, strict=True):
+    for line, loss in zip(axes.lines, learning.losses.T, strict=True):
         np.testing.assert_allclose(line.get_ydata(), loss)
         np.testing.assert_allclose(line.get_xdata(), np.arange(1, 21))
 
