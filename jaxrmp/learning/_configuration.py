@@ -94,7 +94,7 @@ class FlowSettings:
     mixtures: NonNegative[int] = 8
     conditioning: NonNegative[float] = 0.01
     identity: NonNegative[float] = 0.1
-    circumradius: Positive[float] = 0.08
+    circumradius: Positive[float] = 0.15
     weight: Positive[float] = 10.0
     funnel: NonNegative[float] = 4.0
     inner: Positive[float] = 0.5

@@ -13,6 +13,7 @@ from ..kinematics import Robot
 from ..leaves import Learned
 from ._configuration import Configuration
 from ._demonstrations import DemonstrationSet
+from ._flow_training import FlowFit
 from ._hand_flow import HandFlow
 from ._learn_flow import FlowLearning, learn_flow
 from ._learn_paper import PaperLearning, learn_paper
@@ -82,11 +83,12 @@ def learn(
         try:
             flow = learn_flow(configuration, robot, prepared, progress)
             lap("flow")
+            _check_stretch(flow.fit)
             skill = _skill(configuration, robot, demonstrations, prepared, None, flow.motion)
             progress("reproducing", 0.0)
             reproduction = reproduce(skill, robot, prepared)
             lap("gate")
-            _check(flow, reproduction)
+            _check(reproduction)
             why = "asked for" if configuration.method == "flow" else "it passes all checks"
             return Learning(skill, prepared, None, flow, reproduction, why, seconds)
         except JaxrmpError as error:
@@ -128,14 +130,18 @@ def _skill(
     )
 
 
-def _check(flow: FlowLearning, reproduction: Reproduction) -> None:
-    """**Raises** `TrainingError` for a flow that a robot should not follow."""
-    least, largest = flow.fit.stretch
+def _check_stretch(fit: FlowFit) -> None:
+    """**Raises** `TrainingError` for a flow that rollouts could not follow."""
+    least, largest = fit.stretch
     if not (least >= _LEAST_STRETCH and largest <= _MOST_STRETCH):
         raise TrainingError(
             f"the flow stretches space by {least:.2g} to {largest:.2g} on the demonstrations, allowed {_LEAST_STRETCH} "
             f"to {_MOST_STRETCH}. Lower flow.learning_rate or raise flow.conditioning."
         )
+
+
+def _check(reproduction: Reproduction) -> None:
+    """**Raises** `TrainingError` for a flow that a robot should not follow."""
     goal, rise = (np.array([e[name] for e in reproduction.errors]) for name in ("goal_cm", "energy_increase"))
     if not (goal <= _GOAL).all():
         raise TrainingError(

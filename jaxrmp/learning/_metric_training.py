@@ -1,4 +1,4 @@
-"""Fits the metrics of all subtasks at once to the directions of their demonstrations. Only this module knows optax."""
+"""Fits the metrics of all subtasks at once to the directions of their demonstrations."""
 
 import math
 import time

@@ -133,7 +133,7 @@ def test_files_that_are_no_whole_skill_of_this_version_are_refused(skill, tmp_pa
         if damage == "version":
             header["version"] = 99
             expected = (
-                "version 99; this jaxrmp reads versions 1 to 4. It was written by jaxrmp .* a newer one, or learn"
+                "version 99; this jaxrmp reads versions 1 to 5. It was written by jaxrmp .* a newer one, or learn"
             )
         elif damage == "extra":
             header["mystery"] = 1
@@ -169,7 +169,14 @@ def rewritten(path, change):
     return path
 
 
+def as_version_4(header, arrays):
+    """As files were before there were flows."""
+    header["version"] = 4
+    del header["flow"], header["configuration"]["method"], header["configuration"]["flow"]
+
+
 def as_version_3(header, arrays):
+    as_version_4(header, arrays)
     header["version"] = 3
     policy = header["configuration"]["policy"]
     damping, limit = policy.pop("joint_damping"), policy.pop("joint_limit")
@@ -223,10 +230,10 @@ def test_an_earlier_skill_that_does_not_say_how_the_hand_is_turned_is_refused(sk
         load_skill(rewritten(path, as_version_2))
 
 
-@pytest.mark.parametrize("version", [0, 5, "4", None, True])
+@pytest.mark.parametrize("version", [0, 6, "5", None, True])
 def test_versions_that_are_none_are_refused(skill, tmp_path, version):
     path = save_skill(skill, tmp_path / "odd.skill.npz")
-    with pytest.raises(SkillFileError, match=f"version {version!r}; this jaxrmp reads versions 1 to 4"):
+    with pytest.raises(SkillFileError, match=f"version {version!r}; this jaxrmp reads versions 1 to 5"):
         load_skill(rewritten(path, lambda header, arrays: header.update(version=version)))
 
 

@@ -13,6 +13,7 @@ from jaxrmp.learning import (
     Basin,
     Configuration,
     Learning,
+    PaperLearning,
     PotentialChoice,
     PotentialFit,
     PreparedDemonstrations,
@@ -107,7 +108,8 @@ def learning():
         robot_fingerprint="",
     )
     choices = tuple(PotentialChoice(fit, trials[1], trials) for fit in fits)
-    return Learning(skill, demonstrations, (nominal,) * 2, choices, MetricFit(factors, losses, 0.0, 0.0), {})
+    paper = PaperLearning(skill.learned, (nominal,) * 2, choices, MetricFit(factors, losses, 0.0, 0.0))
+    return Learning(skill, demonstrations, paper, None, None, "asked for", {})
 
 
 @pytree

@@ -1,5 +1,7 @@
 """An example of every leaf and map, for the tests that ask something of all of them."""
 
+from dataclasses import replace
+
 import jax.numpy as jnp
 import numpy as np
 from jax.tree_util import Partial
@@ -8,11 +10,16 @@ import jaxrmp
 from jaxrmp import Batched, GeometricDynamicalSystem, compose, pullback, stack, transport
 from jaxrmp.io._axes_and_position import AxesAndPosition
 from jaxrmp.kinematics import ControlPoints, FrameAxes, FrameRotation, PointsInFrame, Position, RelativePoints, panda
+from jaxrmp.learning import initial_flow
+from jaxrmp.learning._flow import Flow
+from jaxrmp.learning._hand_flow import Stacked
 from jaxrmp.leaves import (
     Attractor,
     CollisionAvoidance,
+    CruisingAttractor,
     Damping,
     Formation,
+    Funnel,
     JointLimit,
     JointVelocityLimit,
     Learned,
@@ -35,6 +42,10 @@ SCENE = World(spheres=Spheres.of([((0.4, 0.1, 0.3), 0.1)]), boxes=Boxes.of([(np.
 POTENTIAL = NominalPotential(RNG.normal(size=(5, 3)), np.arange(5.0)[::-1].copy(), np.ones(3) / 10, 0.5, 5.0)
 
 
+FLOW = initial_flow(0, 4, couplings=3, hidden=5, length=0.5)
+FLOW = replace(FLOW, couplings=replace(FLOW.couplings, weights_3=RNG.normal(size=(3, 4, 5)) / 5)).centred()
+
+
 def state_metric(x, xd):
     return (1 + jnp.sum(x * x)) * jnp.eye(3)
 
@@ -49,9 +60,11 @@ SYSTEM = GeometricDynamicalSystem.of(state_metric, lambda x: jnp.sum(x * x), sta
 LEAVES = {
     type(SYSTEM): (SYSTEM, (3,)),
     Attractor: (Attractor(np.ones(3)), (3,)),
+    CruisingAttractor: (CruisingAttractor(np.ones(3), taper=0.5), (3,)),
     CollisionAvoidance: (CollisionAvoidance(reach=2.0, frequency=20.0), (3,)),
     Damping: (Damping(), (3,)),
     Formation: (Formation(), (3,)),
+    Funnel: (Funnel(RNG.normal(size=(5, 3)), inner=0.2, outer=3.0), (3,)),
     Held: (Held(jaxrmp.NaturalForm(np.ones(3), np.eye(3))), (3,)),
     JointLimit: (JointLimit(LOWER, UPPER), (3,)),
     JointVelocityLimit: (JointVelocityLimit(1.5), (3,)),
@@ -82,6 +95,8 @@ MAPS = {
     ControlPoints: (HAND, (7,)),
     FrameAxes: (FrameAxes(ROBOT, "panda_link3"), (7,)),
     FrameRotation: (FrameRotation(ROBOT, "panda_link3"), (7,)),
+    Flow: (FLOW, (4,)),
+    Stacked: (Stacked(HAND), (7,)),
     Position: (Position(ROBOT, "panda_link3"), (7,)),
     RelativePoints: (RelativePoints(POINTS, jnp.sin), (3,)),
     PointsInFrame: (PointsInFrame(ROBOT, "panda_link3", HAND), (7,)),

@@ -1,0 +1,168 @@
+"""Flows: the diffeomorphism, its training, and the skill that it becomes."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxrmp import TrainingError, acceleration, certificate
+from jaxrmp._task_map import pushforward_by_autodiff
+from jaxrmp.kinematics import forward_kinematics, panda
+from jaxrmp.learning import (
+    FlowSettings,
+    initial_flow,
+    learn,
+    learning_report,
+    load_configuration,
+    load_skill,
+    rays,
+    reproduce,
+    resample_by_arc_length,
+    save_skill,
+    train_flow,
+)
+from jaxrmp.learning._hand_flow import hand_points
+from jaxrmp.policies import whole_arm_policy
+from jaxrmp.synthetic import synthetic_demonstrations
+from jaxrmp.world import World
+
+CONFIGS = Path(__file__).parents[2] / "configs"
+FEW = {"method": "flow", "flow.updates": 300}
+
+
+@pytest.fixture(scope="module")
+def bend():
+    """A flow that is not the identity, of five coordinates, in double precision."""
+    rng = np.random.default_rng(1)
+    flow = initial_flow(0, 5, couplings=6, hidden=16, length=0.3)
+    weights = rng.normal(size=flow.couplings.weights_3.shape) / 4
+    return replace(flow, couplings=replace(flow.couplings, weights_3=jnp.asarray(weights, jnp.float32))).centred()
+
+
+@pytest.fixture(scope="module")
+def door():
+    return synthetic_demonstrations("door_reaching", count=4)
+
+
+@pytest.fixture(scope="module")
+def learning(once, door):
+    import pickle
+
+    def make(folder):
+        configuration = load_configuration(CONFIGS / "door_reaching.toml", FEW)
+        (folder / "learning.pickle").write_bytes(pickle.dumps(learn(configuration, panda(), door)))
+
+    return pickle.loads((once("door-flow", make) / "learning.pickle").read_bytes())
+
+
+def test_a_flow_keeps_the_origin_and_its_inverse_undoes_it(bend):
+    x = jnp.asarray(np.random.default_rng(0).normal(size=(500, 5)), jnp.float32)
+    y = jax.vmap(bend)(x)
+    assert float(jnp.abs(y - x).max()) > 0.1
+    assert float(jnp.abs(bend(jnp.zeros(5))).max()) < 1e-6
+    np.testing.assert_allclose(jax.vmap(bend.inverse)(y), x, atol=1e-5)
+
+
+def test_its_pushforward_is_what_autodiff_finds(bend):
+    with jax.enable_x64(True):
+        rng = np.random.default_rng(0)
+        for x, xd in rng.normal(size=(5, 2, 5)):
+            found, expected = bend.pushforward(x, xd), pushforward_by_autodiff(bend.__call__, x, xd)
+            for a, b in zip(found, expected, strict=True):
+                assert a.dtype == jnp.float64
+                np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-9)
+
+
+def test_rays_follow_curves_that_no_potential_of_one_path_can():
+    """Half circles from one place to the origin, and their mirror images: turned by 180 degrees on the way."""
+    angle = np.linspace(np.pi, 0, 60)
+    arcs = [np.stack([size * (np.cos(angle) - 1), up * size * np.sin(angle)], 1) for size, up in ((0.2, 1), (0.2, 1.3))]
+    fit = train_flow(arcs, np.zeros((0, 2)), FlowSettings(updates=600, couplings=8, hidden=16), seed=0)
+    assert fit.losses[-50:].mean() < 0.1 * fit.losses[:20].mean()
+    starts = jnp.asarray(np.stack([arc[0] for arc in arcs]), jnp.float32)
+    found = np.asarray(rays(fit.flow, starts, jnp.linspace(1, 0, 100)))
+    for ray, arc in zip(found, arcs, strict=True):
+        error = np.linalg.norm(resample_by_arc_length(ray, 100) - resample_by_arc_length(arc, 100), axis=1)
+        assert error.max() < 0.05  # 8 % of the way; a straight line is 0.2 m off
+    again = train_flow(arcs, np.zeros((0, 2)), FlowSettings(updates=600, couplings=8, hidden=16), seed=0)
+    np.testing.assert_array_equal(fit.losses, again.losses)
+
+
+def test_a_learned_flow_reproduces_and_says_how_it_was_learned(learning):
+    assert learning.skill.method == "flow" and learning.paper is None and learning.skill.parts == ("hand",)
+    errors = learning.reproduction.mean
+    assert errors["dtw_cm"] < 1.5 and errors["goal_cm"] < 0.1 and errors["energy_increase"] <= 1e-3
+    report = learning_report(learning)
+    assert report["method"] == "flow" and report["why"] == "asked for" and report["subtasks"] == []
+    assert report["flow"]["last_loss"] < report["flow"]["first_loss"]
+    assert 0 < report["flow"]["least_stretch"] < report["flow"]["largest_stretch"]
+
+
+def test_its_policy_is_certified(learning):
+    robot = panda()
+    with jax.enable_x64(True):
+        tree = jax.tree.map(lambda a: jnp.asarray(a, float), learning.skill.tree(robot))
+        rng = np.random.default_rng(0)
+        q = jnp.asarray(rng.uniform(robot.lower + 0.05, robot.upper - 0.05, (100, 7)))
+        near = jnp.asarray(np.concatenate(learning.prepared.joints.q)[::20][:30])
+        states = jnp.concatenate([q, near]), jnp.asarray(rng.normal(size=(130, 7)))
+        found = jax.jit(jax.vmap(lambda q, qd: certificate(tree, q, qd)))(*states)
+    assert float(found.residual.max()) < 1e-8
+    assert all(leaf.certified for leaf in tree.leaves())
+
+
+def test_it_goes_where_the_object_went_and_its_funnel_with_it(learning, door):
+    skill, robot = learning.skill, panda()
+    T = np.array(skill.T_world_object, float)
+    T[:3, 3] += [0.03, -0.05, 0.02]
+    moved = skill.tree(robot, T)
+    funnel = next(leaf for leaf in moved.leaves() if leaf.name == "funnel")
+    hand = jax.vmap(lambda q: forward_kinematics(robot, q, "panda_link7")[:3, 3])
+    gone = np.asarray(hand(funnel.postures) - hand(skill.flow.funnel.postures))
+    assert np.median(np.linalg.norm(gone - [0.03, -0.05, 0.02], axis=1)) < 0.01
+    shifted = learning.prepared._replace(poses=np.stack([T] * 4), points=learning.prepared.points)
+    assert reproduce(skill, robot, shifted, own_targets=False).mean["goal_cm"] < 5.0  # from other starts, to its target
+
+
+def test_it_is_saved_and_read_back_bit_for_bit(learning, tmp_path):
+    skill = learning.skill
+    loaded = load_skill(save_skill(skill, tmp_path / "door.skill.npz"))
+    assert jax.tree.structure(loaded) == jax.tree.structure(skill)
+    for a, b in zip(jax.tree.leaves(skill), jax.tree.leaves(loaded), strict=True):
+        np.testing.assert_array_equal(np.asarray(a), np.asarray(b))
+    assert loaded.configuration.method == "flow"
+    q = jnp.asarray(panda().middle, jnp.float32)
+    qdd = [jax.jit(acceleration)(s.tree(panda()), q, 0 * q) for s in (skill, loaded)]
+    np.testing.assert_array_equal(*qdd)
+
+
+def test_a_whole_arm_leaves_the_turn_to_it(learning):
+    policy = whole_arm_policy(learning.skill, panda())
+    names = [leaf.name for leaf in policy.tree(learning.skill.T_world_object, World()).leaves()]
+    assert "hand_orientation" not in names and {"learned", "funnel", "posture"} <= set(names)
+    faster = learning.skill.with_gains(0.4, 50.0)
+    assert float(faster.flow.attractor.speed) == pytest.approx(0.4) and faster.damping_rate == pytest.approx(50.0)
+
+
+def test_what_no_flow_can_be_trained_for_is_said_and_the_papers_method_takes_over(door):
+    wild = {"flow.updates": 100, "flow.learning_rate": 10.0, "flow.conditioning": 0.0}
+    configuration = load_configuration(CONFIGS / "door_reaching.toml", FEW | wild)
+    with pytest.raises(TrainingError, match=r"flow.learning_rate|end up to|energy rises"):
+        learn(configuration, panda(), door)
+    less = {"metric.updates": 50, "potential.widths": [0.05], "potential.basin_starts": 50}
+    configuration = load_configuration(CONFIGS / "door_reaching.toml", FEW | wild | less | {"method": "auto"})
+    learned = learn(configuration, panda(), door)
+    assert learned.skill.method == "paper" and learned.why.startswith("no flow passes: ")
+
+
+def test_points_that_stand_for_a_hand():
+    rigid = np.array([[0.0, 0.0, 0.2], [0.03, 0.0, 0.203], [-0.03, 0.0, 0.203]])
+    offsets, turned = hand_points(("hand",) * 3, rigid, 0.1)
+    assert turned and np.linalg.matrix_rank(offsets - offsets.mean(0), 1e-6) == 2
+    for frames, points in ((("hand", "elbow", "hand"), rigid), (("hand",) * 2, rigid[:2]), (("hand",), rigid[:1])):
+        same, turned = hand_points(frames, points, 0.1)
+        assert not turned and same is not None
+        np.testing.assert_array_equal(same, points)
