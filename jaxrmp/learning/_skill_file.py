@@ -15,7 +15,7 @@ from .._errors import JaxrmpError, SkillFileError
 from .._files import atomic_write, read_npz
 from .._task_map import check_rigid
 from .._version import __version__
-from ..leaves import CruisingAttractor, Damping, Funnel, JointLimit, Learned, NominalPotential, Posture
+from ..leaves import CruisingAttractor, Damping, Funnel, JointLimit, Learned, NominalPotential
 from ._configuration_file import configuration_from_dict, configuration_to_dict
 from ._flow import Couplings, Flow
 from ._hand_flow import HandFlow
@@ -33,7 +33,6 @@ _HAND, _FLOW = ("offsets", "targets", "hands", "moves"), ("back", "length", "ori
 _FLOW_LEAVES = {
     "attractor": (CruisingAttractor, {"name": "learned"}),
     "funnel": (Funnel, {}),
-    "posture": (Posture, {}),
 }
 _NETWORK = ("dimension", "hidden", "activation", "offset")
 

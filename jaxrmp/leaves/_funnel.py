@@ -1,4 +1,4 @@
-"""A way back to known postures: nothing near them, and outside a pull to the nearest that outweighs tasks."""
+"""A way back to known postures: next to nothing near them, and outside a pull that outweighs tasks."""
 
 import jax
 import jax.numpy as jnp
@@ -8,22 +8,25 @@ from .._gds import GeometricDynamicalSystem
 from .._linalg import matmul
 from .._pytree import pytree, static
 from .._ranges import NonNegative, Positive
+from ._smooth_ratios import log_cosh
 
 
 @pytree
 class Funnel(GeometricDynamicalSystem):
-    """Leads joints back to a tube round known postures, and is nothing at all within it.
+    """Leads joints back to a tube round known postures; within it is nothing, or a faint pull to them.
 
     `d(q)`, the distance to the nearest of the postures, as a soft minimum:
     `d^2 = -softness log sum_k exp(-|q - q_k|^2 / softness)`. Share `s(d)`: a quintic step from 0 at `inner` to 1 at
-    `outer`, both exact. `G = w s I`, `Phi = w speed damping_rate` times the integral of s over d, `B = damping_rate G`.
-    Inside the tube there is no force, no inertia and no damping, so that what was learned there stays as it is. Outside
-    it draws to the nearest posture at `speed`. A range of joints is a box, and so convex: from within, the way back
-    never leaves it.
+    `outer`, both exact. `G = (w s + w_in) I`, `B = damping_rate G`, and `Phi / (speed damping_rate)` is w times the
+    integral of s over d, plus `w_in taper log cosh(d / taper)`. With `w_in = 0` there is no force, no inertia and no
+    damping inside the tube. A faint w_in settles what a task leaves open, such as where the elbow of a redundant arm
+    is, all along the postures and across them alone. Outside it draws to the nearest posture at `speed`. A range of
+    joints is a box, and so convex: from within, the way back never leaves it.
 
     **Arguments**: `postures` [S, n], rad or m, dense along a path of motion; `weight` w, the metric far outside;
-    `speed`, rad/s or m/s; `damping_rate`, 1/s; `inner`, `outer` and the square root of `softness`, units of q.
-    **Raises** `ConfigurationError` for an inner radius or softness that is not positive, or a negative gain.
+    `within` w_in, everywhere; `speed`, rad/s or m/s; `damping_rate`, 1/s; `inner`, `outer`, `taper` and the square root
+    of `softness`, units of q.
+    **Raises** `ConfigurationError` for an inner radius, taper or softness that is not positive, or a negative gain.
 
     >>> leaf = Funnel(jnp.zeros((1, 2)), inner=0.5, outer=1.0)
     >>> leaf(jnp.array([0.3, 0.0]), jnp.ones(2)).M.tolist(), leaf(jnp.array([2.0, 0.0]), jnp.zeros(2)).M[0, 0].tolist()
@@ -34,11 +37,13 @@ class Funnel(GeometricDynamicalSystem):
 
     postures: jax.Array
     weight: NonNegative[jax.Array | float] = 1.0
+    within: NonNegative[jax.Array | float] = 0.0
     speed: NonNegative[jax.Array | float] = 1.0
     damping_rate: NonNegative[jax.Array | float] = 40.0
     inner: Positive[jax.Array | float] = 0.5
     outer: Positive[jax.Array | float] = 0.8
     softness: Positive[jax.Array | float] = 0.02
+    taper: Positive[jax.Array | float] = 0.15
     name: str = static(default="funnel")
 
     def __call__(self, x, xd):
@@ -49,19 +54,24 @@ class Funnel(GeometricDynamicalSystem):
         d, slope = jax.value_and_grad(self.distance)(x)
         share, rise = jax.value_and_grad(self._share)(d)
         rise = self.weight * rise * slope
-        g = self.weight * share
-        f = -self.damping_rate * g * (self.speed * slope + xd) - matmul(rise, xd) * xd + 0.5 * matmul(xd, xd) * rise
+        pull = self.weight * share + self.within * jnp.tanh(d / self.taper)
+        g = self.weight * share + self.within
+        f = -self.damping_rate * (pull * self.speed * slope + g * xd)
+        f = f - matmul(rise, xd) * xd + 0.5 * matmul(xd, xd) * rise
         return DiagonalForm(f.astype(x.dtype), jnp.broadcast_to(g, x.shape).astype(x.dtype))
 
     def metric(self, x, xd):
-        return (self.weight * self._share(self.distance(x)) * jnp.eye(x.shape[0])).astype(x.dtype)
+        g = self.weight * self._share(self.distance(x)) + self.within
+        return (g * jnp.eye(x.shape[0])).astype(x.dtype)
 
     def potential(self, x):
         width = self.outer - self.inner
-        u = (self.distance(x) - self.inner) / width
+        d = self.distance(x)
+        u = (d - self.inner) / width
         t = jnp.clip(u, 0, 1)
         integral = width * (t**4 * (2.5 + t * (t - 3)) + jnp.maximum(u - 1, 0))
-        return (self.weight * self.speed * self.damping_rate * integral).astype(x.dtype)
+        well = self.within * self.taper * log_cosh((d / self.taper) ** 2)
+        return (self.speed * self.damping_rate * (self.weight * integral + well)).astype(x.dtype)
 
     def distance(self, x: jax.Array) -> jax.Array:
         """The distance d of `x` [n] from the nearest posture, a scalar in units of x; 0.01 at least."""

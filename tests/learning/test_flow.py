@@ -142,7 +142,7 @@ def test_it_is_saved_and_read_back_bit_for_bit(learning, tmp_path):
 def test_a_whole_arm_leaves_the_turn_to_it(learning):
     policy = whole_arm_policy(learning.skill, panda())
     names = [leaf.name for leaf in policy.tree(learning.skill.T_world_object, World()).leaves()]
-    assert "hand_orientation" not in names and {"learned", "funnel", "posture"} <= set(names)
+    assert "hand_orientation" not in names and {"learned", "funnel"} <= set(names)
     faster = learning.skill.with_gains(0.4, 50.0)
     assert float(faster.flow.attractor.speed) == pytest.approx(0.4) and faster.damping_rate == pytest.approx(50.0)
 

@@ -1,5 +1,7 @@
 """The leaves that come with a flow: cruising to a point, and the funnel back to known postures."""
 
+from dataclasses import replace
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -46,7 +48,10 @@ def test_the_well_of_cruising_is_the_integral_of_its_pull(x64):
 def test_a_funnel_is_nothing_inside_and_certified_everywhere(x64, assert_certified, assert_smooth):
     leaf = Funnel(jnp.asarray(PATH), weight=2.0, inner=0.3, outer=0.9)
     x, xd = states(1.2)
-    assert_certified(leaf + Damping(1e-3), jnp.asarray(x), jnp.asarray(xd))
+    faint = replace(leaf, within=0.1)
+    for funnel in (leaf, faint):
+        assert_certified(funnel + Damping(1e-3), jnp.asarray(x), jnp.asarray(xd))
+    assert_smooth(faint, jnp.asarray(x[:5]), jnp.asarray(xd[:5]))
     assert_smooth(leaf, jnp.asarray(x[:5]), jnp.asarray(xd[:5]))
     inside = PATH + 0.25 / np.sqrt(3) * np.array([0.5, -1.0, 1.0])
     for at, speed in zip(inside, xd, strict=False):

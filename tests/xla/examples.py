@@ -64,7 +64,7 @@ LEAVES = {
     CollisionAvoidance: (CollisionAvoidance(reach=2.0, frequency=20.0), (3,)),
     Damping: (Damping(), (3,)),
     Formation: (Formation(), (3,)),
-    Funnel: (Funnel(RNG.normal(size=(5, 3)), inner=0.2, outer=3.0), (3,)),
+    Funnel: (Funnel(RNG.normal(size=(5, 3)), within=0.1, inner=0.2, outer=3.0), (3,)),
     Held: (Held(jaxrmp.NaturalForm(np.ones(3), np.eye(3))), (3,)),
     JointLimit: (JointLimit(LOWER, UPPER), (3,)),
     JointVelocityLimit: (JointVelocityLimit(1.5), (3,)),
