@@ -83,6 +83,7 @@ def learning_page(
         ),
         _page.pictures(figures),
         heading("Demonstrations as they were read"),
+        paragraph(f"How they agree: {report['families']['text']}"),
         records(
             enumerate(report["demonstrations"]),
             {

@@ -1,6 +1,7 @@
 """From demonstrations to a skill: the paper's steps, one after the other."""
 
 import time
+import warnings
 from collections.abc import Callable
 from dataclasses import asdict, replace
 from functools import partial
@@ -10,12 +11,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._errors import DemonstrationError
+from .._errors import DemonstrationError, FileWarning
 from ..kinematics import Robot, forward_kinematics, frame_poses
 from ..leaves import Learned, NominalPotential
 from ._closed_paths import check_paths
 from ._configuration import Configuration, MetricSettings
 from ._demonstrations import Demonstration, DemonstrationSet
+from ._families import families
 from ._fit_to_robot import fit_to_robot
 from ._metric_training import MetricFit, train_metrics
 from ._nominal import nominal_demonstration
@@ -63,7 +65,8 @@ def learn(
 
     For each control point: the nominal demonstration, the one nearest to all others in DTW; a potential around it
     from a convex program, its kernel width chosen with the basin checked; then for all of them at once the metrics
-    that warp the potentials' gradients until they reproduce every demonstration.
+    that warp the potentials' gradients until they reproduce every demonstration. Before, a `FileWarning` says which
+    demonstrations disagree, as `families` finds.
 
     **Arguments**: `configuration`; `robot`, with the demonstrations' joints in the same order; `demonstrations`;
     `progress`, called with the name of a step and the fraction of it that is done.
@@ -83,6 +86,8 @@ def learn(
 
     progress("preprocessing", 0.0)
     prepared = prepare(configuration, robot, demonstrations)
+    if not (found := families(prepared.points)).agree:
+        warnings.warn(f"{demonstrations.source}: {found}", FileWarning, stacklevel=2)
     lap("preprocessing")
     nominal, potentials = [], []
     K = len(configuration.subtasks)

@@ -1,7 +1,9 @@
 """The learning report: what happened while a skill was learned, as plain data."""
 
+from dataclasses import asdict
 from typing import Any
 
+from ._families import families
 from ._learn import Learning
 from ._potential_choice import PotentialChoice, WidthTrial
 from ._subtask_trajectories import end_spread
@@ -13,10 +15,12 @@ def learning_report(learning: Learning) -> dict[str, Any]:
 
     Per subtask: nominal demonstration, kernel width and all widths tried, solver status and objective, residual slope
     at the end before its correction, Hessian eigenvalues at the goal (1/m), share of samples that no metric can turn
-    (beyond 90 degrees), basin, first and last loss. Lengths in metres, times in seconds.
+    (beyond 90 degrees), basin, first and last loss; of all demonstrations, how they agree (`families`). Lengths in
+    metres, times in seconds.
     """
     prepared = learning.prepared
     spread = end_spread(prepared.points)
+    agreement = families(prepared.points)
     subtasks = [
         {
             "name": name,
@@ -40,6 +44,7 @@ def learning_report(learning: Learning) -> dict[str, Any]:
         "frame": prepared.frame,
         "subtasks": subtasks,
         "demonstrations": demonstrations,
+        "families": {**asdict(agreement), "text": str(agreement)},
         "seconds": learning.seconds,
     }
 
