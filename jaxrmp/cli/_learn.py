@@ -41,7 +41,9 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
         found = families(prepare(configuration, robot, demonstrations).points)
         if not (found.certain and found.groups):
             raise DemonstrationError(f"{demonstrations.source}: no groups to learn from. {found}")
-        tell(f"{demonstrations.source}: {found}")
+        tell("; ".join(map(str, found.parting)) or str(found))
+        if found.odd:
+            tell(f"left out, like no other: {', '.join(map(str, found.odd))}")
         learned = []
         for k, group in enumerate(found.groups):
             members = replace(demonstrations, demonstrations=tuple(demonstrations[n] for n in group))

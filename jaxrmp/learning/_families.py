@@ -77,7 +77,7 @@ class Families:
         if not several:
             said.append("Leave out what is not meant, or learn them apart.")
         elif not self.certain:
-            said.append("Which go together is a guess, so far apart they start: put those that do into a folder each.")
+            said.append("Which go together is a guess: put those that do into a folder each.")
         elif len(self.groups) > 1:
             said.append("Learn one of each group: jaxrmp learn --groups.")
         if self.odd:
@@ -96,8 +96,8 @@ def families(points: Sequence[np.ndarray]) -> Families:
     (the median) that parts from another group by more than a tenth of the paths' length, and by 1.5 times as much as
     any two of one group. Groups are searched again. Two of one group that part by 0.15 of the length are told as well.
 
-    The tenth is measured. Of 1,753 subsets of three to nine of recordings that go one way (drawer, door, a cup, poses,
-    handwriting; and scripted ones) none is split or told: the nearest comes to 0.088, whole folders to 0.074, and the
+    The tenth is measured. Of 2,185 subsets of two to nine of recordings that go one way (drawer, door, a cup, poses,
+    handwriting; and scripted ones) none is split or told: the nearest comes to 0.088, whole folders to 0.067, and the
     two that part most to 0.10. Handwriting that goes two ways comes to 0.18 and more, a cup reached round a box and
     straight to 0.17 (joints' line) and 0.32. The guide to demonstrations says what is found of planted families.
 
@@ -195,10 +195,13 @@ def _alignments(distance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _split(group: tuple[int, ...], parts: np.ndarray, differ: np.ndarray, least: float) -> list[tuple[int, ...]]:
-    """The fewest groups of `group` that part from each other and not as much in themselves, each split again."""
+    """The fewest groups of `group` that part from each other and not as much in themselves, each split again; two alone
+    say nothing of what is usual."""
+    if len(group) < 3:
+        return [group]
     members, part = np.array(group), parts[np.ix_(group, group)]
-    tree = _linkage((part + _SHAPE * differ[np.ix_(group, group)]), "average")
-    for k in range(2, min(max(len(group) // 2, 2), len(group)) + 1):
+    tree = _linkage(part + _SHAPE * differ[np.ix_(group, group)], "average")
+    for k in range(2, len(group) + 1):
         label = _cut(tree, k)
         same = label[:, None] == label
         outside = np.where(same, 0, part).max(axis=1)
@@ -210,7 +213,7 @@ def _split(group: tuple[int, ...], parts: np.ndarray, differ: np.ndarray, least:
 
 
 def _linkage(distance: np.ndarray, method: str) -> np.ndarray:
-    """The tree in which members at `distance` [N, N] are joined, [N - 1, 4]; no row for a single one."""
+    """The tree in which members at `distance` [N, N] are joined, [N - 1, 4]; for a single one it has no row."""
     with importing("scipy", "learning"):
         from scipy.cluster.hierarchy import linkage
         from scipy.spatial.distance import squareform
