@@ -4,7 +4,7 @@ import argparse
 import contextlib
 import re
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,12 +13,24 @@ import numpy as np
 from .._errors import ConfigurationError, FileWarning, JaxrmpError, UnsafeFileWarning
 from ..io import load_lula, read_xrdf
 from ..kinematics import Robot, hand_frame, load_robot, panda
-from ..learning import fit_to_robot, load_configuration, load_demonstrations, load_skill, prepare
+from ..learning import (
+    DemonstrationSet,
+    control_points,
+    families,
+    fit_to_robot,
+    in_frame,
+    load_configuration,
+    load_demonstrations,
+    load_skill,
+    prepare,
+    preprocess,
+)
 from ..world import RobotSpheres, own_self_pairs, own_spheres
 from ._output import write_json
 from ._sources import find_demonstrations
 
 _LONG = 0.05  # m, from which on a link without geometry is worth a word
+_HAND = 0.1 * (np.eye(3) - 1 / 3)  # m, points of a hand that show its turn
 _RANK = {"error": 0, "unsafe": 1, "note": 2}
 
 
@@ -156,7 +168,8 @@ def _configuration(arguments: argparse.Namespace, found: _Findings) -> None:
     for subtask in configuration.subtasks:
         found.attempt(lambda frame=subtask.frame: robot.frame_index(frame))
     if arguments.demos:
-        found.attempt(lambda: prepare(configuration, robot, find_demonstrations(arguments.demos)))
+        prepared = found.attempt(lambda: prepare(configuration, robot, find_demonstrations(arguments.demos)))
+        _agreement(prepared.points if prepared else None, found)
 
 
 def _skill(arguments: argparse.Namespace, found: _Findings) -> None:
@@ -185,9 +198,27 @@ def _demonstrations(arguments: argparse.Namespace, found: _Findings) -> None:
         robot = panda() if arguments.robot == "panda" else load_robot(arguments.robot)
         fitted = found.attempt(lambda: fit_to_robot(demonstrations, robot))
         found.read["fit the robot"] = robot.name if fitted is not None else None
+        _agreement(found.attempt(lambda: _hand_points(robot, fitted)) if fitted is not None else None, found)
     else:
-        found.read["fit the robot"] = None
-        found.add("note", "angles, units and columns were not checked: give the arm with --robot FILE.")
+        found.read["fit the robot"] = found.read["ways to go"] = None
+        found.add("note", "angles, units, columns and agreement were not checked: give the arm with --robot FILE.")
+
+
+def _hand_points(robot: Robot, demonstrations: DemonstrationSet) -> list[np.ndarray]:
+    """Points of the hand [T, K, 3] in each, seen from the object if there is one, m."""
+    frames = (hand_frame(robot),) * len(_HAND)
+    points = [control_points(robot, frames, _HAND, q) for q in preprocess(demonstrations).q]
+    if len(demonstrations.object_names) == 1:
+        (name,) = demonstrations.object_names
+        points = [in_frame(path, d.pose(name)) for path, d in zip(points, demonstrations, strict=True)]
+    return points
+
+
+def _agreement(points: Sequence[np.ndarray] | None, found: _Findings) -> None:
+    agreement = families(points) if points else None
+    found.read["ways to go"] = len(agreement.groups) + len(agreement.odd) if agreement else None
+    if agreement and not agreement.agree:
+        found.add("note", str(agreement))
 
 
 def _xrdf(arguments: argparse.Namespace, found: _Findings) -> None:

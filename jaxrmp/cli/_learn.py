@@ -1,10 +1,25 @@
 """`jaxrmp learn`: from a configuration and demonstrations to a skill, a report and pictures."""
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
-from .._errors import ConfigurationError
-from ..learning import Learning, learn, learning_report, load_configuration, reproduce, save_skill
+from .._errors import ConfigurationError, DemonstrationError
+from ..kinematics import Robot
+from ..learning import (
+    Configuration,
+    DemonstrationSet,
+    Learning,
+    families,
+    learn,
+    learning_report,
+    load_configuration,
+    prepare,
+    reproduce,
+    save_demonstrations,
+    save_skill,
+)
 from ..visualization import save_learning_figures, save_reproduction_figures
 from ._output import error_table, made_by, progress_bar, tell, write_json
 from ._overrides import parse_overrides
@@ -20,8 +35,33 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
     out = arguments.out or Path("out") / configuration.name
     if out.exists() and not out.is_dir():
         raise ConfigurationError(f"--out {str(out)!r} is a file: give a folder.")
+    if not arguments.groups:
+        report = _learn(configuration, robot, demonstrations, out, arguments.quiet)
+    else:
+        found = families(prepare(configuration, robot, demonstrations).points)
+        if not (found.certain and found.groups):
+            raise DemonstrationError(f"{demonstrations.source}: no groups to learn from. {found}")
+        tell("; ".join(map(str, found.parting)) or str(found))
+        if found.odd:
+            tell(f"left out, like no other: {', '.join(map(str, found.odd))}")
+        learned = []
+        for k, group in enumerate(found.groups):
+            members = replace(demonstrations, demonstrations=tuple(demonstrations[n] for n in group))
+            folder = save_demonstrations(members, out / f"group_{k}" / "demonstrations", overwrite=True)
+            print(f"group_{k}: demonstrations {', '.join(map(str, group))}, in {folder} as 0 to {len(group) - 1}")
+            report = _learn(configuration, robot, find_demonstrations(str(folder)), folder.parent, arguments.quiet)
+            learned.append({"demonstrations_of_all": list(group), **report})
+        report = {"groups": learned, "odd": list(found.odd)}
+    if arguments.json:
+        write_json(report, arguments.json)
+
+
+def _learn(
+    configuration: Configuration, robot: Robot, demonstrations: DemonstrationSet, out: Path, quiet: bool
+) -> dict[str, Any]:
+    """Learn one skill, write all of it to the folder `out`, print what it is like, and return its report."""
     out.mkdir(parents=True, exist_ok=True)
-    with progress_bar(arguments.quiet) as progress:
+    with progress_bar(quiet) as progress:
         learning = learn(configuration, robot, demonstrations, progress)
         made = made_by("learn", configuration, demonstrations.source)
         write_json(made, out / "made_by.json")
@@ -31,8 +71,6 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
         result = result_dict(reproduction, learning.skill, demonstrations.source)
         report = {**learning_report(learning), "reproduction": result}
         write_json(report, out / "learning_report.json")
-        if arguments.json:
-            write_json({"skill_file": str(skill_file), **report}, arguments.json)
         progress("drawing", 0.5)
         drawn = save_learning_figures(learning, out / "figures")
         drawn += save_reproduction_figures(learning.prepared, reproduction, out / "figures")
@@ -45,6 +83,7 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
     print(_summary(learning))
     print(error_table(result))
     print(f"skill written to {skill_file}; the report to read is {out / 'report.html'}")
+    return {"skill_file": str(skill_file), **report}
 
 
 def _summary(learning: Learning) -> str:

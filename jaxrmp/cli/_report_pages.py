@@ -62,6 +62,7 @@ def learning_page(
         *([_flow(report["flow"])] if report["flow"] else _subtasks(report["subtasks"])),
         _page.pictures(figures),
         heading("Demonstrations as they were read"),
+        paragraph(f"How they agree: {report['families']['text']}"),
         records(
             enumerate(report["demonstrations"]),
             {

@@ -18,6 +18,9 @@ from ._demonstration_files import load_demonstrations as load_demonstrations
 from ._demonstration_files import save_demonstrations as save_demonstrations
 from ._demonstrations import Demonstration as Demonstration
 from ._demonstrations import DemonstrationSet as DemonstrationSet
+from ._families import Families as Families
+from ._families import Parting as Parting
+from ._families import families as families
 from ._fit_to_robot import fit_to_robot as fit_to_robot
 from ._flow import Flow as Flow
 from ._flow import initial_flow as initial_flow

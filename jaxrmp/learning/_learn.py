@@ -1,6 +1,7 @@
 """From demonstrations to a skill, by a flow of the whole hand or by the paper's steps."""
 
 import time
+import warnings
 from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple
@@ -8,11 +9,12 @@ from typing import NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
-from .._errors import JaxrmpError, TrainingError
+from .._errors import FileWarning, JaxrmpError, TrainingError
 from ..kinematics import Robot
 from ..leaves import Learned
 from ._configuration import Configuration
 from ._demonstrations import DemonstrationSet
+from ._families import families
 from ._flow_training import FlowFit
 from ._hand_flow import HandFlow
 from ._learn_flow import FlowLearning, learn_flow
@@ -57,7 +59,8 @@ def learn(
     By a flow, `learn_flow`, one policy for the whole hand; or by the paper's steps, `learn_paper`, a policy for each
     control point. With the configuration's `method = "auto"` by a flow, and where that does not pass, by the paper's. A
     flow passes if it stretches space nowhere on the demonstrations beyond what rollouts can follow, and if all of them,
-    reproduced by the whole policy, end at the goal, with an energy that does not rise.
+    reproduced by the whole policy, end at the goal, with an energy that does not rise. Before, a `FileWarning` says
+    which demonstrations disagree, as `families` finds.
 
     **Arguments**: `configuration`; `robot`, with the demonstrations' joints in the same order; `demonstrations`;
     `progress`, called with the name of a step and the fraction of it that is done.
@@ -77,6 +80,8 @@ def learn(
 
     progress("preprocessing", 0.0)
     prepared = prepare(configuration, robot, demonstrations)
+    if not (found := families(prepared.points)).agree:
+        warnings.warn(f"{demonstrations.source}: {found}", FileWarning, stacklevel=2)
     lap("preprocessing")
     why = "asked for"
     if configuration.method != "paper":

@@ -1,9 +1,12 @@
 """The learning report: what happened while a skill was learned, as plain data."""
 
+from dataclasses import asdict
 from typing import Any
 
+from ._families import families
 from ._flow_training import FlowFit
 from ._learn import Learning
+from ._learn_paper import PaperLearning
 from ._potential_choice import PotentialChoice, WidthTrial
 from ._subtask_trajectories import end_spread
 
@@ -15,27 +18,13 @@ def learning_report(learning: Learning) -> dict[str, Any]:
     `method` and `why` it; of a flow its first and last loss and how much it stretches space on the demonstrations, else
     null. Per subtask, none for a flow: nominal demonstration, kernel width and all widths tried, solver status and
     objective, residual slope at the end before its correction, Hessian eigenvalues at the goal (1/m), share of samples
-    that no metric can turn (beyond 90 degrees), basin, first and last loss. Lengths in metres, times in seconds.
+    that no metric can turn (beyond 90 degrees), basin, first and last loss. Of all demonstrations, how they agree
+    (`families`). Lengths in metres, times in seconds.
     """
-    prepared = learning.prepared
-    spread, paper = end_spread(prepared.points), learning.paper
-    subtasks = (
-        []
-        if paper is None
-        else [
-            {
-                "name": name,
-                "nominal_demonstration": paper.nominal[k],
-                "potential": _potential(paper.potentials[k]),
-                "metric": {
-                    "first_loss": float(paper.metric.losses[0, k]),
-                    "last_loss": float(paper.metric.losses[-1, k]),
-                    "losses": [float(v) for v in paper.metric.losses[:: max(len(paper.metric.losses) // 100, 1), k]],
-                },
-            }
-            for k, name in enumerate(learning.skill.subtasks)
-        ]
-    )
+    prepared, paper = learning.prepared, learning.paper
+    spread = end_spread(prepared.points)
+    agreement = families(prepared.points)
+    subtasks = [] if paper is None else [_subtask(paper, k, name) for k, name in enumerate(learning.skill.subtasks)]
     demonstrations = [
         {**report._asdict(), "end_spread": [float(v) for v in spread[i]]}
         for i, report in enumerate(prepared.joints.reports)
@@ -49,7 +38,22 @@ def learning_report(learning: Learning) -> dict[str, Any]:
         "flow": None if learning.flow is None else _flow(learning.flow.fit),
         "subtasks": subtasks,
         "demonstrations": demonstrations,
+        "families": {**asdict(agreement), "text": str(agreement)},
         "seconds": learning.seconds,
+    }
+
+
+def _subtask(paper: PaperLearning, k: int, name: str) -> dict[str, Any]:
+    losses = paper.metric.losses[:, k]
+    return {
+        "name": name,
+        "nominal_demonstration": paper.nominal[k],
+        "potential": _potential(paper.potentials[k]),
+        "metric": {
+            "first_loss": float(losses[0]),
+            "last_loss": float(losses[-1]),
+            "losses": [float(v) for v in losses[:: max(len(losses) // 100, 1)]],
+        },
     }
 
 

@@ -1,6 +1,7 @@
 """`jaxrmp check`: facts, what is left out, and an exit code that tells what must not be used."""
 
 import json
+import math
 
 import pytest
 
@@ -72,6 +73,24 @@ def test_demonstrations_with_their_robot_and_without(check, tmp_path):
     assert code == 0 and found["read"]["fit the robot"] == "arm" and found["findings"] == []
     code, found, said = check("demos/demo_0.csv", RECORDED.format("9"), "--robot", tmp_path / "arm.urdf")
     assert code == 1 and "degrees" in said and found["read"]["fit the robot"] is None
+
+
+def test_demonstrations_that_go_two_ways(check, tmp_path):
+    (tmp_path / "arm.urdf").write_text(
+        ARM.replace('name="flange" type="fixed"', 'name="tilt" type="revolute"').replace(
+            '<origin xyz="0 0 0.3"/></joint>',
+            '<origin xyz="0 0 0.3"/><axis xyz="1 0 0"/><limit lower="-1" upper="1" velocity="2" effort="1"/></joint>',
+        )
+    )
+    text = 'name = "turn"\nrobot = "arm.urdf"\n[[subtasks]]\nname = "tip"\nframe = "tool0"\noffset = [0.3, 0.0, 0.2]\n'
+    for k in range(6):
+        rows = [(0.1 * t, 0.02 * t + 0.01 * k, (-1) ** k * 0.5 * math.sin(0.05 * t * math.pi) ** 2) for t in range(21)]
+        recorded = "time,pan,tilt\n" + "".join(f"{t:.1f},{pan:.4f},{tilt:.4f}\n" for t, pan, tilt in rows)
+        (tmp_path / "demos").mkdir(exist_ok=True)
+        (tmp_path / "demos" / f"demo_{k}.csv").write_text(recorded)
+    code, found, said = check("turn.toml", text, "--demos", tmp_path / "demos")
+    assert code == 0 and found["read"]["ways to go"] == 2 and "go 2 ways: 0, 2, 4 | 1, 3, 5." in said
+    assert main(["check", str(tmp_path / "demos"), "--robot", str(tmp_path / "arm.urdf")]) == 0
 
 
 def test_a_configuration_with_its_robot(check, tmp_path):

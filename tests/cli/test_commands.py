@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import jax
@@ -19,7 +20,7 @@ from jaxrmp.cli import build_parser, main
 from jaxrmp.cli._output import error_table
 from jaxrmp.cli._overrides import parse_overrides
 from jaxrmp.cli._reproduce import result_dict
-from jaxrmp.learning import Reproduction, load_skill
+from jaxrmp.learning import Reproduction, load_demonstrations, load_skill, save_demonstrations
 from jaxrmp.leaves import Attractor, Damping, JointLimit
 from jaxrmp.simulation import rollout
 
@@ -55,6 +56,28 @@ def test_learn_writes_skill_report_pictures_and_what_made_them(learned, demos):
     told = json.loads((learned / "learned.json").read_text())
     assert Path(told.pop("skill_file")) == learned / "drawer_closing.skill.npz"
     assert told == report
+
+
+def test_a_skill_is_learned_of_each_group(demos, tmp_path, capsys, monkeypatch):
+    def learned(configuration, robot, demonstrations, out, quiet):
+        return {"source": demonstrations.source, "folder": str(out)}
+
+    monkeypatch.setattr("jaxrmp.cli._learn._learn", learned)  # what it does is tested above
+    one = load_demonstrations(demos)[0]
+    hump = np.eye(7)[0] * np.sin(np.pi * np.linspace(0, 1, len(one.time)))[:, None] ** 2
+    moved = [replace(one, q=one.q + (aside + 0.01 * k) * hump) for k, aside in enumerate((0.2, -0.2, 0.2, -0.2, 0.6))]
+    folder = tmp_path / "mixed"
+    save_demonstrations(replace(load_demonstrations(demos), demonstrations=tuple(moved)), folder)
+    learn = ["learn", CONFIG, "--demos", str(folder), "--groups", "--out", str(tmp_path / "out")]
+    assert main([*learn, "--json", str(tmp_path / "all.json")]) == 0
+    said = json.loads((tmp_path / "all.json").read_text())
+    assert said["odd"] == [4] and "like no other: 4" in capsys.readouterr().err
+    assert [group["demonstrations_of_all"] for group in said["groups"]] == [[0, 2], [1, 3]]
+    for k, group in enumerate(said["groups"]):
+        assert Path(group["folder"]) == tmp_path / "out" / f"group_{k}"
+        np.testing.assert_array_equal(load_demonstrations(group["source"])[1].q, moved[k + 2].q)
+    save_demonstrations(replace(load_demonstrations(folder), demonstrations=(moved[0], moved[4])), folder, True)
+    assert main(learn) == 1 and "no groups to learn from" in capsys.readouterr().err
 
 
 def test_demonstrations_without_the_configured_object_are_told_of(demos, tmp_path, capsys):
