@@ -13,7 +13,16 @@ import numpy as np
 from .._errors import ConfigurationError, FileWarning, JaxrmpError, UnsafeFileWarning
 from ..io import load_lula, read_xrdf
 from ..kinematics import Robot, hand_frame, load_robot, panda
-from ..learning import fit_to_robot, load_configuration, load_demonstrations, load_skill, prepare
+from ..learning import (
+    RecordingSettings,
+    fit_to_robot,
+    is_poses,
+    load_configuration,
+    load_demonstrations,
+    load_poses,
+    load_skill,
+    prepare,
+)
 from ..world import RobotSpheres, own_self_pairs, own_spheres
 from ._output import write_json
 from ._sources import find_demonstrations
@@ -80,10 +89,13 @@ class _Findings:
 
 
 def _kind(file: Path) -> tuple[str, Callable]:
+    if is_poses(file):
+        return "poses of a hand", _poses
     if file.is_dir():
         return "demonstrations", _demonstrations
     if file.suffix == ".toml" and file.is_file() and re.search(rb"^file *=", file.read_bytes(), re.MULTILINE):
         return "robot", _robot_file
+    recorded = dict.fromkeys((".hdf5", ".h5", ".bag", ".mcap", ".db3"), ("demonstrations", _demonstrations))
     kinds = {".toml": ("configuration", _configuration), ".npz": ("skill", _skill)}
     lula = dict.fromkeys((".xrdf", ".yaml", ".yml"), ("robot description (XRDF)", _xrdf))
     if (
@@ -95,7 +107,7 @@ def _kind(file: Path) -> tuple[str, Callable]:
             f"{file} is an RMPflow configuration, which is checked with its robot: jaxrmp check FILE.xrdf --robot URDF "
             f"--rmpflow {file}."
         )
-    return (kinds | lula).get(file.suffix.lower(), ("robot", _robot_file))
+    return (kinds | lula | recorded).get(file.suffix.lower(), ("robot", _robot_file))
 
 
 def _robot_file(arguments: argparse.Namespace, found: _Findings) -> None:
@@ -156,7 +168,7 @@ def _configuration(arguments: argparse.Namespace, found: _Findings) -> None:
     for subtask in configuration.subtasks:
         found.attempt(lambda frame=subtask.frame: robot.frame_index(frame))
     if arguments.demos:
-        found.attempt(lambda: prepare(configuration, robot, find_demonstrations(arguments.demos)))
+        found.attempt(lambda: prepare(configuration, robot, find_demonstrations(arguments.demos, configuration, robot)))
 
 
 def _skill(arguments: argparse.Namespace, found: _Findings) -> None:
@@ -173,21 +185,43 @@ def _skill(arguments: argparse.Namespace, found: _Findings) -> None:
 
 
 def _demonstrations(arguments: argparse.Namespace, found: _Findings) -> None:
-    demonstrations = load_demonstrations(arguments.file)
+    robot = (panda() if arguments.robot == "panda" else load_robot(arguments.robot)) if arguments.robot else None
+    demonstrations = load_demonstrations(arguments.file, _recording(arguments), robot)
     found.read |= {
+        "layout": demonstrations.layout,
+        "units": demonstrations.units,
         "demonstrations": [
             {"samples": len(d.time), "seconds": float(d.time[-1] - d.time[0]), "objects": ", ".join(d.poses)}
             for d in demonstrations
         ],
         "columns": list(demonstrations.joint_names),
     }
-    if arguments.robot:
-        robot = panda() if arguments.robot == "panda" else load_robot(arguments.robot)
+    if robot is not None:
         fitted = found.attempt(lambda: fit_to_robot(demonstrations, robot))
         found.read["fit the robot"] = robot.name if fitted is not None else None
     else:
         found.read["fit the robot"] = None
         found.add("note", "angles, units and columns were not checked: give the arm with --robot FILE.")
+
+
+def _poses(arguments: argparse.Namespace, found: _Findings) -> None:
+    demonstrations = load_poses(arguments.file, _recording(arguments))
+    found.read |= {
+        "layout": demonstrations.layout,
+        "demonstrations": [
+            {
+                "samples": len(d.time),
+                "seconds": float(d.time[-1] - d.time[0]),
+                "path, m": float(np.linalg.norm(np.diff(d.position, axis=0), axis=1).sum()),
+                "objects": ", ".join(d.poses),
+            }
+            for d in demonstrations
+        ],
+    }
+
+
+def _recording(arguments: argparse.Namespace) -> RecordingSettings:
+    return RecordingSettings(arguments.units or "", arguments.group or "")
 
 
 def _xrdf(arguments: argparse.Namespace, found: _Findings) -> None:
