@@ -52,12 +52,14 @@ def read_lerobot(folder: Path, recording: RecordingSettings, robot: Robot | None
         demonstration = Demonstration(time - time[0], q[rows])
         check_demonstration(demonstration, names, f"{folder}, episode {number}")
         demonstrations.append(demonstration)
-    tasks, counts = np.unique([task[episode == number][0] for number in numbers], return_counts=True)
-    if len(tasks) > 1:
+    by_task: dict[int, list[int]] = {}
+    for number in numbers:
+        by_task.setdefault(int(task[episode == number][0]), []).append(number)
+    if len(by_task) > 1:
+        listed = "; ".join(f"{t}: episodes {_shortened(of)}" for t, of in sorted(by_task.items()))
         told.append(
-            f"the episodes are of {len(tasks)} tasks (task_index: episodes "
-            f"{dict(zip(tasks.tolist(), counts.tolist(), strict=True))}), and a "
-            "skill is one: choose those of one with recording.episodes."
+            f"there are {len(by_task)} tasks (task_index {listed}), and a skill is one: choose its episodes with "
+            "recording.episodes."
         )
     said = f"joint values from {q.min():.4g} to {q.max():.4g}" if q.size else ""
     units = recording.stated("units", "", JOINT_UNITS, folder, said)
@@ -89,6 +91,10 @@ def _may_be_joints(key: str, feature: Mapping[str, Any]) -> bool:
         and str(feature.get("dtype")) in ("float16", "float32", "float64")
         and len(feature.get("shape") or ()) == 1
     )
+
+
+def _shortened(numbers: list[int]) -> str:
+    return ", ".join(map(str, numbers[:10])) + (f", ... ({len(numbers)})" if len(numbers) > 10 else "")
 
 
 def _size(feature: Mapping[str, Any]) -> int:

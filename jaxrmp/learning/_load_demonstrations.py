@@ -30,7 +30,8 @@ def load_demonstrations(
 
     - `demo_K.npz` files with a `meta.json` (`robot`, `joint_names`; optional `source`, `num_demos`, `objects`,
       `units`): `time` [T], s; `joint_positions` [T, n], rad or m; optional `pose_world_base` and `pose_world_OBJECT`,
-      [T, 4, 4] or [4, 4]; or `demo_K.csv` files, a header and one line per sample: `time`, then the joints by name; optional
+      [T, 4, 4] or [4, 4];
+    - `demo_K.csv` files, a header and one line per sample: `time`, then the joints by name; optional
       `OBJECT_x, _y, _z, _qw, _qx, _qy, _qz`, the object's pose in the base frame; `meta.json` is optional with them;
     - a LeRobotDataset of version 2 or 3, which does not say its units;
     - bags of ROS 1 and 2, each a demonstration: joint states, and the transforms that lead from `base` to `tracked`;

@@ -1,12 +1,13 @@
 """Bags of ROS 1 and 2 (SQLite, MCAP), one demonstration each: joint states, and transforms of a tracked object."""
 
-from collections.abc import Iterable, Sequence
+import contextlib
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from .._errors import DemonstrationError, importing
+from .._errors import DemonstrationError, JaxrmpError, importing
 from ..kinematics import Robot
 from ._demonstrations import Demonstration, DemonstrationSet, check_demonstration
 from ._recording import RecordingSettings, choose_groups, in_natural_order, name_columns
@@ -76,30 +77,19 @@ def _is_bag(path: Path) -> bool:
         return False
 
 
-def _opened(bag: Path) -> Any:
+@contextlib.contextmanager
+def _opened(bag: Path) -> Iterator[Any]:
+    """The reader of a bag; whatever it finds wrong with the bytes names the bag."""
     with importing("rosbags", "formats"):
         from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
-    return _Opened(AnyReader([bag], default_typestore=get_typestore(Stores.LATEST)), bag)
-
-
-class _Opened:
-    """Around a bag's reader: whatever goes wrong with its bytes names the bag."""
-
-    def __init__(self, reader: Any, bag: Path):
-        self.reader, self.bag = reader, bag
-
-    def __enter__(self) -> Any:
-        try:
-            return self.reader.__enter__()
-        except Exception as error:
-            self.__exit__(type(error), error, None)
-
-    def __exit__(self, kind: Any, error: Any, trace: Any) -> None:
-        if self.reader.stack is not None:
-            self.reader.close()
-        if isinstance(error, Exception) and not isinstance(error, DemonstrationError | ImportError):
-            raise DemonstrationError(f"{self.bag} is not readable as a bag: {error}") from error
+    try:
+        with AnyReader([bag], default_typestore=get_typestore(Stores.LATEST)) as reader:
+            yield reader
+    except JaxrmpError:
+        raise
+    except Exception as error:
+        raise DemonstrationError(f"{bag} is not readable as a bag: {type(error).__name__}: {error}") from error
 
 
 def _topics(reader: Any, recording: RecordingSettings, robot: Robot | None, bag: Path) -> list[str]:
@@ -122,7 +112,7 @@ def _joint_states(
     reader: Any, topics: Sequence[str], robot: Robot | None, bag: Path, told: list[str]
 ) -> tuple[np.ndarray, tuple[str, ...], np.ndarray]:
     """Stamps [T], ns; joints' names; positions [T, n]: of joints that come in messages of their own interpolated."""
-    known = {joint.name for joint in robot.model.joints} if robot is not None else set()
+    known = set(robot.joint_names) if robot is not None else set()
     left_out: dict[str, None] = {}
     series: dict[str, tuple[np.ndarray, np.ndarray]] = {}
     for topic in topics:
@@ -158,7 +148,7 @@ def _joint_states(
             order = np.argsort(at, kind="stable")
             series[name] = at[order], values[order]
     if left_out:
-        told.append(f"{list(left_out)} are no joints of the robot and left out.")
+        told.append(f"{list(left_out)} are no moving joints of the robot and left out.")
     if not series:
         raise DemonstrationError(f"{bag}: no message of {', '.join(topics)} has positions.")
     return _together(series, bag, told)
@@ -200,12 +190,9 @@ def _together(
             + (f"; {cut:.3g} s in which not all were recorded are cut off." if cut > _STALE else ".")
         )
         stamps = kept
-    start = stamps[0]  # float64 holds nanoseconds of a day, not of an epoch
-    q = [
-        np.interp(stamps - start, at - start, values) if name in others else values
-        for name, (at, values) in series.items()
-    ]
-    return stamps, tuple(series), np.stack(q, axis=1)
+        start = kept[0]  # float64 holds nanoseconds of a day, not of an epoch
+        series = {name: (kept, np.interp(kept - start, at - start, values)) for name, (at, values) in series.items()}
+    return stamps, tuple(series), np.stack([values for _, values in series.values()], axis=1)
 
 
 def _object_pose(

@@ -117,7 +117,7 @@ def jump(by, joint=YAW, at=60):
         (jump(-2.5), r"demonstration 1: joint 'yaw' jumps by -2.4\d rad at sample 60, faster than"),
         (jump(1.5, SHOULDER), r"demonstration 1: joint 'shoulder' jumps by 1.5\d rad at sample 60, faster than"),
         (scaled(SHOULDER), r"demonstration 1: joint 'shoulder' is .* rad outside its limits at sample .* degrees"),
-        (scaled(ELBOW), r"demonstration 1: joint 'elbow' is .* outside its limits .* in degrees \(then say --units degrees"),
+        (scaled(ELBOW), r"demonstration 1: joint 'elbow' is .* outside its limits .* in degrees \(then say --units"),
         (scaled(ROLL), r"demonstration 1: joint 'roll' is at -19\d.* at sample 119, 31 turns .* degrees"),
         (scaled(YAW, SHOULDER, ELBOW, ROLL), r"demonstration 1: joint 'yaw' is at .* turns .* degrees"),
         (lambda t, q: scaled(YAW)(t, q - LAST), r"demonstration 1: joint 'yaw' is at .* turns.* degrees"),
