@@ -40,10 +40,10 @@ def read_lerobot(folder: Path, recording: RecordingSettings, robot: Robot | None
     if (total := info.get("total_episodes")) not in (None, len(seen)):
         told.append(f"{INFO} says {total} episodes, the data hold {len(seen)}.")
     rate = recording.rate or float(info.get("fps") or 0.0)
+    order = np.lexsort((frame, episode))
+    rows_of = dict(zip(numbers, np.split(order, np.searchsorted(episode[order], numbers[1:])), strict=True))
     demonstrations = []
-    for number in numbers:
-        rows = np.flatnonzero(episode == number)
-        rows = rows[np.argsort(frame[rows], kind="stable")]
+    for number, rows in rows_of.items():
         time = stamp[rows]
         if recording.rate or not (np.isfinite(time).all() and (np.diff(time) >= 0).all() and time[-1] > time[0]):
             if not rate:
@@ -54,7 +54,7 @@ def read_lerobot(folder: Path, recording: RecordingSettings, robot: Robot | None
         demonstrations.append(demonstration)
     by_task: dict[int, list[int]] = {}
     for number in numbers:
-        by_task.setdefault(int(task[episode == number][0]), []).append(number)
+        by_task.setdefault(int(task[rows_of[number][0]]), []).append(number)
     if len(by_task) > 1:
         listed = "; ".join(f"{t}: episodes {_shortened(of)}" for t, of in sorted(by_task.items()))
         told.append(

@@ -1,6 +1,7 @@
 """Bags of ROS 1 and 2 (SQLite, MCAP), one demonstration each: joint states, and transforms of a tracked object."""
 
 import contextlib
+import itertools
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,7 @@ from ._ros_transforms import Transforms, base_frame
 JOINTS = "sensor_msgs/msg/JointState"
 TRANSFORMS = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 _USUAL = "/joint_states"
-_LOOKED_AT = 50  # messages of a topic, for the names of its joints
+_LOOKED_AT = 200  # messages of a topic, for the names in them
 _LATE = 1.0  # s, by which messages may come late; more is a clock that was set back
 _STALE = 0.5  # s, from which on an old pose of an object, or a piece that is cut off, is worth a word
 _MAGIC = (b"#ROSBAG V2.0", b"\x89MCAP0\r\n", b"SQLite format 3\x00")
@@ -40,11 +41,13 @@ def read_bags(
     bags = bags_at(path)
     numbers = recording.chosen(range(len(bags)), path)
     names: tuple[str, ...] = ()
-    topics: list[str] = []
+    said: dict[str, list[str]] = {}
+    layout = ""
     found = []
     for bag in (bags[number] for number in numbers):
         with _opened(bag) as reader:
             own: list[str] = []
+            layout = layout or _contents(reader)
             topics = _topics(reader, recording, robot, bag)
             stamps, recorded, q = _joint_states(reader, topics, robot, bag, own)
             names = names or recorded
@@ -60,9 +63,12 @@ def read_bags(
         )
         check_demonstration(demonstration, names, str(bag))
         found.append(demonstration)
-        told += [f"{bag.name}: {what}" for what in own]
+        for what in own:
+            said.setdefault(what, []).append(bag.name)
+    for what, of in said.items():
+        told.append(f"{', '.join(of) if len(of) < max(2, len(found)) else 'all bags'}: {what}")
     units = recording.units or "rad"
-    layout = f"{len(bags)} bags, {', '.join(topics)}{f' and the frame {tracked}' * bool(tracked)}"
+    layout = f"{len(bags)} bags: {', '.join(topics)}{f' and the frame {tracked}' * bool(tracked)}; of {layout}"
     names = name_columns(["joints"], {"joints": names}, recording, robot, path, told)
     return DemonstrationSet(tuple(found), names, "unknown", path.name, units, layout)
 
@@ -90,6 +96,14 @@ def _opened(bag: Path) -> Iterator[Any]:
         raise
     except Exception as error:
         raise DemonstrationError(f"{bag} is not readable as a bag: {type(error).__name__}: {error}") from error
+
+
+def _contents(reader: Any) -> str:
+    """What could have been read: topics of joint states, and the frames of the first transforms."""
+    some = [message for _, message in itertools.islice(_transforms(reader), _LOOKED_AT)]
+    frames = dict.fromkeys(frame.lstrip("/") for m in some for frame in (m.header.frame_id, m.child_frame_id))
+    topics = [topic for topic, info in reader.topics.items() if info.msgtype == JOINTS]
+    return f"topics {', '.join(topics)}; frames {', '.join(frames) or 'none'}"
 
 
 def _topics(reader: Any, recording: RecordingSettings, robot: Robot | None, bag: Path) -> list[str]:

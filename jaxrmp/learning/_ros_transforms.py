@@ -12,24 +12,19 @@ from ..kinematics import Robot, forward_kinematics
 
 
 class Transforms:
-    """Transforms of each frame in its parent over time, of the messages of a bag, `where`.
-
-    **Raises** `DemonstrationError` for a frame with two parents.
-    """
+    """Transforms of each frame in its parent over time, of the messages of a bag, `where`."""
 
     def __init__(self, messages: Iterable[tuple[bool, Any]], where: str):
         self.where = where
         self._parent: dict[str, str] = {}
+        self._second_parent: dict[str, str] = {}
         rows: dict[str, list[tuple[float, ...]]] = {}
         stamps: dict[str, list[int]] = {}
         moved: set[str] = set()
         for static, message in messages:
             parent, child = message.header.frame_id.lstrip("/"), message.child_frame_id.lstrip("/")
             if self._parent.setdefault(child, parent) != parent:
-                raise DemonstrationError(
-                    f"{where}: frame {child!r} has two parents, {self._parent[child]!r} and {parent!r}: cut the bag "
-                    "where that changes."
-                )
+                self._second_parent[child] = parent
             if not static:
                 moved.add(child)
             p, r = message.transform.translation, message.transform.rotation
@@ -62,7 +57,12 @@ class Transforms:
     def _chain(self, frame: str) -> list[str]:
         """`frame` and what it hangs on, the root last."""
         chain = [frame]
-        while chain[-1] in self._parent:
+        while (child := chain[-1]) in self._parent:
+            if child in self._second_parent:
+                raise DemonstrationError(
+                    f"{self.where}: frame {child!r} has two parents, {self._parent[child]!r} and "
+                    f"{self._second_parent[child]!r}: cut the bag where that changes."
+                )
             chain.append(self._parent[chain[-1]])
             if chain[-1] in chain[:-1]:
                 raise DemonstrationError(f"{self.where}: the transforms of {chain[-1]!r} form a loop.")

@@ -21,7 +21,8 @@ SIZE = 'size="0.1" mass="1"'
 MODEL = f"""<mujoco><worldbody><body name="cup_main" pos="1 2 3"><freejoint name="cup_joint0"/><geom {SIZE}/></body>
 <body name="robot0_base" pos="0.5 0 1" quat="1 0 0 1"><geom {SIZE}/><body name="robot0_link1" pos="0 0 0.3">
 <joint name="robot0_joint1" axis="0 0 1"/><geom {SIZE}/><body name="robot0_link2"><joint name="robot0_joint2"/>
-<geom {SIZE}/></body></body></body><body name="door"><joint name="door_hinge"/><geom {SIZE}/></body></worldbody></mujoco>"""
+<geom {SIZE}/></body></body></body>
+<body name="door"><joint name="door_hinge"/><geom {SIZE}/></body></worldbody></mujoco>"""
 
 
 @pytest.fixture(scope="module")

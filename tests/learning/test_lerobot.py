@@ -1,13 +1,14 @@
 """LeRobot datasets, written by pyarrow in the layouts of versions 2.1 and 3.0 with what real ones have of traps."""
 
 import json
+import sys
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from jaxrmp import DemonstrationError, FileWarning, UnknownNameError
+from jaxrmp import DemonstrationError, FileWarning, MissingDependencyError, UnknownNameError
 from jaxrmp.kinematics import load_robot_from_string
 from jaxrmp.learning import RecordingSettings, fit_to_robot, load_demonstrations
 
@@ -99,8 +100,12 @@ def test_episodes_lie_in_any_order_and_across_files(tmp_path):
 
 @pytest.mark.parametrize(
     "names",
-    [{"motors": ["pan", "lift", "gripper"]}, {"arm": {"axes": ["pan", "lift"]}, "hand": ["gripper"]}, {"lift": 1, "pan": 0, "gripper": 2}],
-)  # fmt: skip
+    [
+        {"motors": ["pan", "lift", "gripper"]},
+        {"arm": {"axes": ["pan", "lift"]}, "hand": ["gripper"]},
+        {"lift": 1, "pan": 0, "gripper": 2},
+    ],
+)
 def test_names_are_found_where_they_are_nested(tmp_path, names):
     folder = write_dataset(tmp_path / "ds", {"observation.state": STATE | {"names": names}})
     assert load_demonstrations(folder, DEGREES).joint_names == ("pan", "lift", "gripper")
@@ -193,3 +198,16 @@ def test_versions_rows_and_columns_that_do_not_fit(tmp_path):
     (folder / "meta" / "info.json").write_text(json.dumps(info))
     with pytest.raises(DemonstrationError, match="has no column 'observation.other'"):
         load_demonstrations(folder)
+
+
+@pytest.mark.parametrize(
+    ("package", "magic"), [("pyarrow", b""), ("rosbags", b"#ROSBAG V2.0\n"), ("h5py", b"\x89HDF\r\n\x1a\n")]
+)
+def test_a_package_that_is_not_there_is_named_with_its_extra(tmp_path, monkeypatch, package, magic):
+    file = tmp_path / "file"
+    file.write_bytes(magic)
+    for module in [m for m in sys.modules if m.split(".")[0] == package]:
+        monkeypatch.delitem(sys.modules, module)
+    monkeypatch.setitem(sys.modules, package, None)
+    with pytest.raises(MissingDependencyError, match=rf"{package} is needed .*pip install 'jaxrmp\[formats\]'"):
+        load_demonstrations(file if magic else write_dataset(tmp_path / "ds"))

@@ -142,6 +142,6 @@ def test_planar_paths_from_archives_tables_and_lasa(tmp_path):
     np.savez(tmp_path / "flat.npz", positions_0=POSITION, positions_1=POSITION)
     with pytest.raises(DemonstrationError, match=r"positions_0 has shape \(30, 3\), expected \[T, 2\]"):
         load_paths(tmp_path / "flat.npz")
+    (tmp_path / "a.txt").write_text("")
     with pytest.raises(DemonstrationError, match=r"of no kind that is known\. Expected"):
-        (tmp_path / "a.txt").write_text("")
         load_paths(tmp_path / "a.txt")
