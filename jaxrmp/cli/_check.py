@@ -25,7 +25,7 @@ from ..learning import (
 )
 from ..world import RobotSpheres, own_self_pairs, own_spheres
 from ._output import write_json
-from ._sources import find_demonstrations
+from ._sources import RECORDED, find_demonstrations
 
 _LONG = 0.05  # m, from which on a link without geometry is worth a word
 _RANK = {"error": 0, "unsafe": 1, "note": 2}
@@ -221,7 +221,7 @@ def _poses(arguments: argparse.Namespace, found: _Findings) -> None:
 
 
 def _recording(arguments: argparse.Namespace) -> RecordingSettings:
-    return RecordingSettings(arguments.units or "", arguments.group or "")
+    return RecordingSettings(**{key: value for key in RECORDED if (value := getattr(arguments, key))})
 
 
 def _xrdf(arguments: argparse.Namespace, found: _Findings) -> None:

@@ -10,11 +10,11 @@ from ._output import error_table, made_by, progress_bar, tell, write_json
 from ._overrides import parse_overrides
 from ._report_pages import learning_page, pictures_in
 from ._reproduce import result_dict
-from ._sources import default_demonstrations, find_demonstrations
+from ._sources import RECORDED, default_demonstrations, find_demonstrations
 
 
 def run(arguments: argparse.Namespace, rest: list[str]) -> None:
-    said = {f"recording.{key}": value for key in ("units", "group") if (value := getattr(arguments, key))}
+    said = {f"recording.{key}": value for key in RECORDED if (value := getattr(arguments, key))}
     configuration = load_configuration(arguments.config, parse_overrides(rest) | said)
     robot = configuration.load_robot()
     demonstrations = find_demonstrations(

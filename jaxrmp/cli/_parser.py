@@ -37,8 +37,14 @@ _PAGE = (
     _argument("--until-closed", "end when the page is closed, not by Ctrl-C only"),
 )
 _RECORDED = (
-    _argument("--units UNITS", "of the demonstrations, where they do not say: rad, degrees or normalised", type=str),
+    _argument(
+        "--units UNITS",
+        "of the demonstrations, where they do not say: rad, degrees or normalised; of poses m, cm or mm",
+        type=str,
+    ),
     _argument("--group NAME", "which of several groups of joints: a feature, topic or dataset", type=str),
+    _argument("--rate HZ", "samples a second, where the demonstrations do not say", type=float),
+    _argument("--quaternion ORDER", "of poses, where they do not say: wxyz or xyzw", type=str),
 )
 _FIX = _argument("--fix PATTERN", "lock joints, such as '*_finger_*' or elbow=0.5; may be given again", action="append")
 # Of each command: what it does, in a few words and in more, an example, and its arguments.

@@ -15,6 +15,7 @@ from ..synthetic import SYNTHETIC_TASKS, synthetic_demonstrations
 from ._output import tell
 
 SYNTHETIC = "synthetic:"
+RECORDED = ("units", "group", "rate", "quaternion")  # of `RecordingSettings` with an argument of their own
 _NAMED = 6  # locked joints that are named
 
 

@@ -16,7 +16,7 @@ from .._files import read_npz
 from .._rotations import pose
 from ._demonstration_tables import read_table
 from ._demonstrations import JOINT_UNITS, Demonstration, DemonstrationSet, check_demonstration, check_poses
-from ._recording import RecordingSettings, name_columns
+from ._recording import RecordingSettings, chosen_episodes, name_columns, stated
 
 _NAME = re.compile(r"demo_(\d+)\.(npz|csv)")
 _BASE, _POSE = "pose_world_base", "pose_world_"
@@ -35,7 +35,7 @@ def read_folder(folder: Path, recording: RecordingSettings, told: list[str]) -> 
         )
     joint_names = tuple(meta["joint_names"]) if "joint_names" in meta else None
     demonstrations = []
-    for k in recording.chosen(range(len(files)), folder):
+    for k in chosen_episodes(recording, range(len(files)), folder):
         file = files[k]
         demonstration, joint_names = read(file, joint_names)
         check_demonstration(demonstration, joint_names, str(file))
@@ -52,7 +52,7 @@ def read_folder(folder: Path, recording: RecordingSettings, told: list[str]) -> 
     units = meta.get("units", {})
     said = str(units.get("joint_positions", "rad") if isinstance(units, dict) else units)
     said = {"deg": "degrees", "degree": "degrees", "radians": "rad"}.get(said, said)
-    units = recording.stated("units", said, JOINT_UNITS, folder / "meta.json")
+    units = stated(recording, "units", said, JOINT_UNITS, folder / "meta.json")
     source, layout = str(meta.get("source", folder.name)), f"{len(files)} files {files[0].suffix}"
     return DemonstrationSet(tuple(demonstrations), names, str(meta.get("robot", "unknown")), source, units, layout)
 

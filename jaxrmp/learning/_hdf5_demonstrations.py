@@ -11,7 +11,7 @@ from .._errors import DemonstrationError, importing
 from ..kinematics import Robot
 from ._demonstrations import Demonstration, DemonstrationSet, check_demonstration
 from ._mujoco_states import MujocoStates
-from ._recording import RecordingSettings, choose_groups, in_natural_order, name_columns
+from ._recording import RecordingSettings, choose_groups, chosen_episodes, in_natural_order, name_columns
 
 MAGIC = b"\x89HDF\r\n\x1a\n"
 _STATES = "states"
@@ -49,7 +49,7 @@ def _read(
         raise DemonstrationError(
             f"{file} has no groups data/demo_0, ...; it has {list(content)}. robomimic's layout is read."
         )
-    numbers = recording.chosen(list(demos), file)
+    numbers = chosen_episodes(recording, list(demos), file)
     first = demos[numbers[0]]
     groups = _groups(first, recording)
     chosen = choose_groups(groups, recording, robot, "", file)

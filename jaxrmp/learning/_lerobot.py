@@ -10,7 +10,7 @@ import numpy as np
 from .._errors import DemonstrationError, importing
 from ..kinematics import Robot
 from ._demonstrations import JOINT_UNITS, Demonstration, DemonstrationSet, check_demonstration
-from ._recording import RecordingSettings, choose_groups, in_natural_order, name_columns
+from ._recording import RecordingSettings, choose_groups, chosen_episodes, in_natural_order, name_columns, stated
 
 INFO = Path("meta") / "info.json"
 _USUAL = "observation.state"
@@ -36,7 +36,7 @@ def read_lerobot(folder: Path, recording: RecordingSettings, robot: Robot | None
     seen, (episode, frame, stamp, task, q) = _read_tables(
         folder, chosen, {c: _size(features[c]) for c in chosen}, recording
     )
-    numbers = recording.chosen(seen, folder)
+    numbers = chosen_episodes(recording, seen, folder)
     if (total := info.get("total_episodes")) not in (None, len(seen)):
         told.append(f"{INFO} says {total} episodes, the data hold {len(seen)}.")
     rate = recording.rate or float(info.get("fps") or 0.0)
@@ -62,7 +62,7 @@ def read_lerobot(folder: Path, recording: RecordingSettings, robot: Robot | None
             "recording.episodes."
         )
     said = f"joint values from {q.min():.4g} to {q.max():.4g}" if q.size else ""
-    units = recording.stated("units", "", JOINT_UNITS, folder, said)
+    units = stated(recording, "units", "", JOINT_UNITS, folder, said)
     left_out = [key for key in features if key not in chosen and not key.endswith("index") and key != "timestamp"]
     return DemonstrationSet(
         tuple(demonstrations),

@@ -19,7 +19,7 @@ _LAYOUT = (
 
 
 def load_paths(path: str | os.PathLike) -> tuple[np.ndarray, ...]:
-    """Read planar paths, each [T, 2], as they were drawn: of an NPZ, MAT or CSV file, or a folder of CSV files.
+    """Read planar paths, each [T, 2], as drawn: `path` is an NPZ, MAT or CSV file, or a folder of CSV files.
 
     Of an NPZ file its arrays `positions_K`, else all; of a MAT file the fields `pos` of its demonstrations (or
     `position`, `positions`), [2, T] or [T, 2]; of a CSV file the columns `x` and `y`. What else there is, such as

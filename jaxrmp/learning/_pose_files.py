@@ -12,7 +12,7 @@ from .._files import read_npz
 from ._demonstration_files import numbered_files, read_meta
 from ._demonstration_tables import object_poses, read_numbers
 from ._pose_demonstrations import PoseDemonstration, PoseDemonstrationSet
-from ._recording import METRES, QUATERNIONS, RecordingSettings, in_natural_order
+from ._recording import METRES, QUATERNIONS, RecordingSettings, chosen_episodes, in_natural_order, stated
 
 _POSITION, _QUATERNION = ("positions", "position"), ("quaternions", "quaternion")
 _HEADER = ("x", "y", "z", "qw", "qx", "qy", "qz")
@@ -45,17 +45,17 @@ def load_poses(path: str | os.PathLike, recording: RecordingSettings | None = No
         files = numbered_files(path, _LAYOUT)
         meta = read_meta(path / "meta.json", required=False)
         read = _table if files[0].suffix == ".csv" else _arrays
-        numbers = recording.chosen(range(len(files)), path)
+        numbers = chosen_episodes(recording, range(len(files)), path)
         found = [(files[k], *read(files[k])) for k in numbers]
     else:
         found = [(f"{path}, demonstration {k}", *entry) for k, entry in _all_in_one(path, recording)]
     largest = max(float(np.abs(position).max(initial=0.0)) for _, _, position, _, _, _ in found)
     said = str(meta.get("units", ""))
-    scale = METRES[recording.stated("units", said, tuple(METRES), path, f"the largest coordinate is {largest:.4g}")]
+    scale = METRES[stated(recording, "units", said, tuple(METRES), path, f"the largest coordinate is {largest:.4g}")]
     told = []
     demonstrations = []
     for where, time, position, quaternion, order, poses in found:
-        order = order or recording.stated("quaternion", str(meta.get("quaternion", "")), QUATERNIONS, path)
+        order = order or stated(recording, "quaternion", str(meta.get("quaternion", "")), QUATERNIONS, path)
         if time is None or recording.rate:
             if not recording.rate:
                 told.append(f"there is no time: samples are taken {_RATE:g} a second. recording.rate says otherwise.")
@@ -97,7 +97,7 @@ def _all_in_one(path: Path, recording: RecordingSettings) -> list[tuple[int, tup
     if not by_number:
         raise DemonstrationError(f"{path} has no positions_0, ...; it has {sorted(arrays)[:10]}. {_LAYOUT}")
     found = []
-    for k in recording.chosen(list(by_number), path):
+    for k in chosen_episodes(recording, list(by_number), path):
         if f"quaternions_{k}" not in arrays:
             raise DemonstrationError(f"{path} has positions_{k} but no quaternions_{k}: give the hand's turn as well.")
         found.append((k, (arrays.get(f"time_{k}"), by_number[k], arrays[f"quaternions_{k}"], "", {})))

@@ -34,23 +34,27 @@ class RecordingSettings:
         UnknownNameError.check("recording.units", self.units, ("", *JOINT_UNITS, *METRES))
         UnknownNameError.check("recording.quaternion", self.quaternion, ("", *QUATERNIONS))
 
-    def stated(self, name: str, said: str, allowed: Sequence[str], where: object, hint: str = "") -> str:
-        """The setting `name`, else what the file at `where` has `said`. **Raises** `DemonstrationError` for neither."""
-        value = str(getattr(self, name) or said)
-        if value not in allowed:
-            problem = f"{name} {value!r} cannot be" if value else f"nothing says the {name}"
-            raise DemonstrationError(
-                f"{where}: {problem} of these recordings{f' ({hint})' * bool(hint)}. Say --{name} (recording.{name}) "
-                f"{' or '.join(allowed)}."
-            )
-        return value
 
-    def chosen(self, numbers: Sequence[int], where: object) -> list[int]:
-        """Those of the `numbers` of a file's episodes that are to be read. **Raises** `DemonstrationError`."""
-        if absent := sorted(set(self.episodes) - set(numbers)):
-            there = f"{numbers[0]} to {numbers[-1]}" if numbers else "none"
-            raise DemonstrationError(f"{where} has no episode {absent[0]} (recording.episodes); it has {there}.")
-        return [number for number in numbers if not self.episodes or number in self.episodes]
+def stated(
+    recording: RecordingSettings, name: str, said: str, allowed: Sequence[str], where: object, hint: str = ""
+) -> str:
+    """The setting `name`, else what the file at `where` has `said`. **Raises** `DemonstrationError` for neither."""
+    value = str(getattr(recording, name) or said)
+    if value not in allowed:
+        problem = f"{name} {value!r} cannot be" if value else f"nothing says the {name}"
+        raise DemonstrationError(
+            f"{where}: {problem} of these recordings{f' ({hint})' * bool(hint)}. Say --{name} (recording.{name}) "
+            f"{' or '.join(allowed)}."
+        )
+    return value
+
+
+def chosen_episodes(recording: RecordingSettings, numbers: Sequence[int], where: object) -> list[int]:
+    """Those of the `numbers` of a file's episodes that are to be read. **Raises** `DemonstrationError`."""
+    if absent := sorted(set(recording.episodes) - set(numbers)):
+        there = f"{numbers[0]} to {numbers[-1]}" if numbers else "none"
+        raise DemonstrationError(f"{where} has no episode {absent[0]} (recording.episodes); it has {there}.")
+    return [number for number in numbers if not recording.episodes or number in recording.episodes]
 
 
 def choose_groups(

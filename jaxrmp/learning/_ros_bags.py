@@ -11,7 +11,7 @@ import numpy as np
 from .._errors import DemonstrationError, JaxrmpError, importing
 from ..kinematics import Robot
 from ._demonstrations import Demonstration, DemonstrationSet, check_demonstration
-from ._recording import RecordingSettings, choose_groups, in_natural_order, name_columns
+from ._recording import RecordingSettings, choose_groups, chosen_episodes, in_natural_order, name_columns
 from ._ros_transforms import Transforms, base_frame
 
 JOINTS = "sensor_msgs/msg/JointState"
@@ -39,7 +39,7 @@ def read_bags(
     that were set back; `MissingDependencyError` without rosbags.
     """
     bags = bags_at(path)
-    numbers = recording.chosen(range(len(bags)), path)
+    numbers = chosen_episodes(recording, range(len(bags)), path)
     names: tuple[str, ...] = ()
     said: dict[str, list[str]] = {}
     layout = ""

@@ -181,7 +181,7 @@ def test_a_tracked_object_is_found_through_the_transforms(tmp_path, robot):
     a = np.pi / 2 + t
     T = [[np.cos(a), -np.sin(a), 0, 1], [np.sin(a), np.cos(a), 0, t - 2], [0, 0, 1, 1], [0, 0, 0, 1]]
     np.testing.assert_allclose(found[1].poses["cup"][13], T, atol=1e-8)
-    assert found.layout.endswith("frames camera, world, base_link, cup, a")
+    assert found.layout.endswith("frames camera, cup, world, base_link, a")
     assert load_demonstrations(folder, base="world", tracked="camera")[0].poses["camera"].shape == (4, 4)
     with pytest.raises(UnknownNameError, match=r"frame of the transforms .*'cop'. Did you mean 'cup'"):
         load_demonstrations(folder, robot=robot, tracked="cop")
