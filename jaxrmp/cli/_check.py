@@ -16,9 +16,11 @@ from ..kinematics import Robot, hand_frame, load_robot, panda
 from ..learning import (
     RecordingSettings,
     fit_to_robot,
+    is_paths,
     is_poses,
     load_configuration,
     load_demonstrations,
+    load_paths,
     load_poses,
     load_skill,
     prepare,
@@ -91,6 +93,8 @@ class _Findings:
 def _kind(file: Path) -> tuple[str, Callable]:
     if is_poses(file):
         return "poses of a hand", _poses
+    if is_paths(file):
+        return "paths in the plane", _paths
     if file.is_dir():
         return "demonstrations", _demonstrations
     if file.suffix == ".toml" and file.is_file() and re.search(rb"^file *=", file.read_bytes(), re.MULTILINE):
@@ -218,6 +222,13 @@ def _poses(arguments: argparse.Namespace, found: _Findings) -> None:
             for d in demonstrations
         ],
     }
+
+
+def _paths(arguments: argparse.Namespace, found: _Findings) -> None:
+    paths = load_paths(arguments.file)
+    found.read["paths"] = [
+        {"samples": len(p), "length": float(np.linalg.norm(np.diff(p, axis=0), axis=1).sum())} for p in paths
+    ]
 
 
 def _recording(arguments: argparse.Namespace) -> RecordingSettings:

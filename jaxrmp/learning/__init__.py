@@ -35,6 +35,7 @@ from ._metric_network import initial_cholesky_factor as initial_cholesky_factor
 from ._metric_training import MetricFit as MetricFit
 from ._metric_training import train_metrics as train_metrics
 from ._nominal import nominal_demonstration as nominal_demonstration
+from ._path_files import is_paths as is_paths
 from ._path_files import load_paths as load_paths
 from ._pose_demonstrations import PoseDemonstration as PoseDemonstration
 from ._pose_demonstrations import PoseDemonstrationSet as PoseDemonstrationSet

@@ -50,6 +50,17 @@ def load_paths(path: str | os.PathLike) -> tuple[np.ndarray, ...]:
     return tuple(_as_path(array, f"{path}, {name}") for name, array in found.items())
 
 
+def is_paths(path: Path) -> bool:
+    """Whether the file at `path` holds paths in the plane and no turns, as `load_paths` reads."""
+    try:
+        if path.suffix.lower() == ".npz":
+            with np.load(path) as archive:
+                return archive.files[:1] != [] and all(name.startswith(_NAMES) for name in archive.files)
+        return path.suffix.lower() == ".mat" and path.is_file()
+    except (OSError, ValueError):
+        return False
+
+
 def _of_table(file: Path) -> np.ndarray:
     column = read_numbers(file)
     if not {"x", "y"} <= set(column):

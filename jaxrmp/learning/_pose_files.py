@@ -79,7 +79,7 @@ def is_poses(path: Path) -> bool:
         if path.suffix == ".npz":
             with np.load(path) as archive:
                 names = archive.files
-            return "joint_positions" not in names and any(name.startswith(_POSITION) for name in names)
+            return all(any(name.startswith(of) for name in names) for of in (_POSITION, _QUATERNION))
         file = min(path.glob("demo_*.[nc][ps][zv]"), key=in_natural_order)
         if file.suffix == ".csv":
             return set(_HEADER) <= {

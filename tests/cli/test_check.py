@@ -2,6 +2,8 @@
 
 import json
 
+import h5py
+import numpy as np
 import pytest
 
 from jaxrmp.cli import main
@@ -72,6 +74,34 @@ def test_demonstrations_with_their_robot_and_without(check, tmp_path):
     assert code == 0 and found["read"]["fit the robot"] == "arm" and found["findings"] == []
     code, found, said = check("demos/demo_0.csv", RECORDED.format("9"), "--robot", tmp_path / "arm.urdf")
     assert code == 1 and "degrees" in said and found["read"]["fit the robot"] is None
+
+
+def test_recordings_that_do_not_say_all(tmp_path, capsys):
+    """What is missing is named with the option that says it; poses and paths are known by their content."""
+    file, s = tmp_path / "pour.npz", np.linspace(0, 1, 20)[:, None]
+    poses = {f"positions_{k}": 30 * s * [[1, k, 0]] for k in range(2)}
+    np.savez(file, **poses, **{f"quaternions_{k}": np.tile([1.0, 0, 0, 0], (20, 1)) for k in range(2)})
+    for more, said in (
+        ([], "Say --units"),
+        (["--units", "cm"], "Say --quaternion"),
+        (["--units", "cm", "--quaternion", "wxyz"], "0.4243"),
+    ):
+        assert main(["check", str(file), "--rate", "10", *more]) == (1 if "Say" in said else 0)
+        out = capsys.readouterr().out
+        assert said in out and "poses of a hand" in out
+    np.savez(tmp_path / "e.npz", positions_0=s * [[3, 4]], positions_1=s * [[6, 8]])
+    assert main(["check", str(tmp_path / "e.npz")]) == 0
+    assert "20       10" in capsys.readouterr().out
+    (tmp_path / "arm.urdf").write_text(ARM)
+    with h5py.File(tmp_path / "two.hdf5", "w") as content:
+        for k in range(2):
+            content[f"data/demo_{k}/obs/robot0_joint_pos"] = s
+    command = ["check", str(tmp_path / "two.hdf5"), "--robot", str(tmp_path / "arm.urdf"), "--group"]
+    assert main([*command, "obs/robot0_joint_pos"]) == 1 and "recording.rate" in capsys.readouterr().out
+    assert main([*command, "obs/robot1_joint_pos", "--rate", "10"]) == 1
+    assert "Did you mean 'obs/robot0_joint_pos'" in capsys.readouterr().out
+    assert main([*command, "obs/robot0_joint_pos", "--rate", "10"]) == 0
+    assert "are taken for ['pan']" in capsys.readouterr().out
 
 
 def test_a_configuration_with_its_robot(check, tmp_path):
