@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from .._errors import DemonstrationError, importing
+from .._errors import DemonstrationError, JaxrmpError, importing
 from ..kinematics import Robot
 from ._demonstrations import Demonstration, DemonstrationSet, check_demonstration
 from ._mujoco_states import MujocoStates
@@ -32,8 +32,10 @@ def read_hdf5(
     try:
         with h5py.File(file) as content:
             return _read(content, file, recording, robot, tracked, told)
-    except (OSError, RuntimeError, KeyError) as error:
-        raise DemonstrationError(f"{file} is not readable as HDF5: {error}.") from error
+    except JaxrmpError:
+        raise
+    except (OSError, RuntimeError, LookupError, ValueError, TypeError, AttributeError) as error:
+        raise DemonstrationError(f"{file} is not readable as HDF5 of robomimic's layout: {error}.") from error
 
 
 def _read(

@@ -37,6 +37,8 @@ def read_lerobot(folder: Path, recording: RecordingSettings, robot: Robot | None
         folder, chosen, {c: _size(features[c]) for c in chosen}, recording
     )
     numbers = chosen_episodes(recording, seen, folder)
+    if not numbers:
+        raise DemonstrationError(f"{folder / 'data'} holds no episode: its tables have no rows.")
     if (total := info.get("total_episodes")) not in (None, len(seen)):
         told.append(f"{INFO} says {total} episodes, the data hold {len(seen)}.")
     rate = recording.rate or float(info.get("fps") or 0.0)

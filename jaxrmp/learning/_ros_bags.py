@@ -135,6 +135,8 @@ def _joint_states(
         for connection, logged, raw in reader.messages(reader.topics[topic].connections):
             message = reader.deserialize(raw, connection.msgtype)
             names = tuple(message.name)
+            if len(set(names)) < len(names):
+                raise DemonstrationError(f"{bag}: message {len(stamps)} of {topic} names a joint twice: {list(names)}.")
             if len(message.position) != len(names):
                 empty += 1
                 continue
