@@ -53,7 +53,7 @@ def _read(
         )
     numbers = chosen_episodes(recording, list(demos), file)
     first = demos[numbers[0]]
-    groups = _groups(first, recording)
+    groups = _groups(first, recording, file)
     chosen = choose_groups(groups, recording, robot, "", file)
     names = name_columns(chosen, groups, recording, robot, file, told)
     rate = recording.rate or _rate(data.attrs)
@@ -89,23 +89,15 @@ def _read(
     return DemonstrationSet(tuple(demonstrations), names, "unknown", file.name, recording.units or "rad", layout)
 
 
-def _groups(demo: Any, recording: RecordingSettings) -> dict[str, tuple[str, ...] | int]:
+def _groups(demo: Any, recording: RecordingSettings, file: Path) -> dict[str, tuple[str, ...] | int]:
     """Datasets of joint positions, by their number of columns; else the joints of the MuJoCo model by robot."""
-    obs = demo.get("obs", {})
-    found: dict[str, Any] = {
-        f"obs/{name}": int(obs[name].shape[1])
-        for name in obs
-        if name.endswith("joint_pos") and len(obs[name].shape) == 2
-    }
-    arms = demo.get(_ISAAC)
-    known = [f"{_ISAAC}/{name}/joint_position" for name in arms or ()]  # their obs/joint_pos are offsets from a posture
-    found = dict.fromkeys(known, 0) or found
-    for name in (*known, *(n.strip() for n in recording.group.split(","))):
-        if name in demo and getattr(demo[name], "ndim", 0) == 2:
-            found[name] = int(demo[name].shape[1])
-    if not found or (recording.group and recording.group not in found):
-        states = _states(demo, "")
-        found |= {f"states/{robot}": joints for robot, joints in states.robots.items()} if states is not None else {}
+    usual = [f"obs/{name}" for name in demo.get("obs", ()) if name.endswith("joint_pos")]
+    absolute = [f"{_ISAAC}/{name}/joint_position" for name in demo.get(_ISAAC, ())]  # obs are offsets from a posture
+    named = [name.strip() for name in recording.group.split(",")]
+    tables = [name for name in (*(absolute or usual), *named) if name in demo and getattr(demo[name], "ndim", 0) == 2]
+    found: dict[str, Any] = {name: int(demo[name].shape[1]) for name in tables}
+    if (not found or not set(named) <= {"", *found}) and (states := _states(demo, str(file))) is not None:
+        found |= {f"states/{robot}": joints for robot, joints in states.robots.items()}
     return found
 
 
