@@ -102,6 +102,13 @@ def test_recordings_that_do_not_say_all(tmp_path, capsys):
     assert "Did you mean 'obs/robot0_joint_pos'" in capsys.readouterr().out
     assert main([*command, "obs/robot0_joint_pos", "--rate", "10"]) == 0
     assert "are taken for ['pan']" in capsys.readouterr().out
+    text = 'name = "turn"\nrobot = "arm.urdf"\n[[subtasks]]\nname = "tip"\nframe = "tool0"\n[recording]\nrate = 10\n'
+    (tmp_path / "turn.toml").write_text(text)
+    command = [str(tmp_path / "turn.toml"), "--demos", str(tmp_path / "two.hdf5")]
+    main(["check", *command])
+    assert "are taken for ['pan']" in capsys.readouterr().out
+    assert main(["learn", *command, "--units", "grads", "--out", str(tmp_path / "out")]) == 1
+    assert "unknown recording.units 'grads'" in capsys.readouterr().err
 
 
 def test_a_configuration_with_its_robot(check, tmp_path):
