@@ -21,8 +21,8 @@ from ._recording import RecordingSettings, chosen_episodes, name_columns, stated
 _NAME = re.compile(r"demo_(\d+)\.(npz|csv)")
 _BASE, _POSE = "pose_world_base", "pose_world_"
 _LAYOUT = (
-    "Expected demo_0.npz, demo_1.npz, ... with meta.json, or demo_0.csv, demo_1.csv, ...; or a LeRobotDataset, ROS bags, "
-    "or one HDF5 file of robomimic."
+    "Expected demo_0.npz, demo_1.npz, ... with meta.json, or demo_0.csv, demo_1.csv, ...; or a LeRobotDataset, ROS "
+    "bags, or one HDF5 file of robomimic."
 )
 
 
