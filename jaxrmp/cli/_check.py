@@ -15,19 +15,24 @@ from ..io import load_lula, read_xrdf
 from ..kinematics import Robot, hand_frame, load_robot, panda
 from ..learning import (
     DemonstrationSet,
+    RecordingSettings,
     control_points,
     families,
     fit_to_robot,
     in_frame,
+    is_paths,
+    is_poses,
     load_configuration,
     load_demonstrations,
+    load_paths,
+    load_poses,
     load_skill,
     prepare,
     preprocess,
 )
 from ..world import RobotSpheres, own_self_pairs, own_spheres
 from ._output import write_json
-from ._sources import find_demonstrations
+from ._sources import RECORDED, find_demonstrations
 
 _LONG = 0.05  # m, from which on a link without geometry is worth a word
 _HAND = 0.1 * (np.eye(3) - 1 / 3)  # m, points of a hand that show its turn
@@ -92,10 +97,15 @@ class _Findings:
 
 
 def _kind(file: Path) -> tuple[str, Callable]:
+    if is_poses(file):
+        return "poses of a hand", _poses
+    if is_paths(file):
+        return "paths in the plane", _paths
     if file.is_dir():
         return "demonstrations", _demonstrations
     if file.suffix == ".toml" and file.is_file() and re.search(rb"^file *=", file.read_bytes(), re.MULTILINE):
         return "robot", _robot_file
+    recorded = dict.fromkeys((".hdf5", ".h5", ".bag", ".mcap", ".db3"), ("demonstrations", _demonstrations))
     kinds = {".toml": ("configuration", _configuration), ".npz": ("skill", _skill)}
     lula = dict.fromkeys((".xrdf", ".yaml", ".yml"), ("robot description (XRDF)", _xrdf))
     if (
@@ -107,7 +117,7 @@ def _kind(file: Path) -> tuple[str, Callable]:
             f"{file} is an RMPflow configuration, which is checked with its robot: jaxrmp check FILE.xrdf --robot URDF "
             f"--rmpflow {file}."
         )
-    return (kinds | lula).get(file.suffix.lower(), ("robot", _robot_file))
+    return (kinds | lula | recorded).get(file.suffix.lower(), ("robot", _robot_file))
 
 
 def _robot_file(arguments: argparse.Namespace, found: _Findings) -> None:
@@ -168,7 +178,8 @@ def _configuration(arguments: argparse.Namespace, found: _Findings) -> None:
     for subtask in configuration.subtasks:
         found.attempt(lambda frame=subtask.frame: robot.frame_index(frame))
     if arguments.demos:
-        prepared = found.attempt(lambda: prepare(configuration, robot, find_demonstrations(arguments.demos)))
+        recorded = lambda: find_demonstrations(arguments.demos, configuration, robot)  # noqa: E731
+        prepared = found.attempt(lambda: prepare(configuration, robot, recorded()))
         _agreement(prepared.points if prepared else None, found)
 
 
@@ -186,16 +197,18 @@ def _skill(arguments: argparse.Namespace, found: _Findings) -> None:
 
 
 def _demonstrations(arguments: argparse.Namespace, found: _Findings) -> None:
-    demonstrations = load_demonstrations(arguments.file)
+    robot = (panda() if arguments.robot == "panda" else load_robot(arguments.robot)) if arguments.robot else None
+    demonstrations = load_demonstrations(arguments.file, _recording(arguments), robot)
     found.read |= {
+        "layout": demonstrations.layout,
+        "units": demonstrations.units,
         "demonstrations": [
             {"samples": len(d.time), "seconds": float(d.time[-1] - d.time[0]), "objects": ", ".join(d.poses)}
             for d in demonstrations
         ],
         "columns": list(demonstrations.joint_names),
     }
-    if arguments.robot:
-        robot = panda() if arguments.robot == "panda" else load_robot(arguments.robot)
+    if robot is not None:
         fitted = found.attempt(lambda: fit_to_robot(demonstrations, robot))
         found.read["fit the robot"] = robot.name if fitted is not None else None
         _agreement(found.attempt(lambda: _hand_points(robot, fitted)) if fitted is not None else None, found)
@@ -219,6 +232,33 @@ def _agreement(points: Sequence[np.ndarray] | None, found: _Findings) -> None:
     found.read["ways to go"] = len(agreement.groups) + len(agreement.odd) if agreement else None
     if agreement and not agreement.agree:
         found.add("note", str(agreement))
+
+
+def _poses(arguments: argparse.Namespace, found: _Findings) -> None:
+    demonstrations = load_poses(arguments.file, _recording(arguments))
+    found.read |= {
+        "layout": demonstrations.layout,
+        "demonstrations": [
+            {
+                "samples": len(d.time),
+                "seconds": float(d.time[-1] - d.time[0]),
+                "path, m": float(np.linalg.norm(np.diff(d.position, axis=0), axis=1).sum()),
+                "objects": ", ".join(d.poses),
+            }
+            for d in demonstrations
+        ],
+    }
+
+
+def _paths(arguments: argparse.Namespace, found: _Findings) -> None:
+    paths = load_paths(arguments.file)
+    found.read["paths"] = [
+        {"samples": len(p), "length": float(np.linalg.norm(np.diff(p, axis=0), axis=1).sum())} for p in paths
+    ]
+
+
+def _recording(arguments: argparse.Namespace) -> RecordingSettings:
+    return RecordingSettings(**{key: value for key in RECORDED if (value := getattr(arguments, key))})
 
 
 def _xrdf(arguments: argparse.Namespace, found: _Findings) -> None:

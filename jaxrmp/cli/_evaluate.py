@@ -154,7 +154,7 @@ def _around(arguments, problem, skill, robot, count):
     from ..learning import prepare
     from ._sources import demonstrations_of
 
-    prepared = prepare(skill.configuration, robot, demonstrations_of(skill, arguments.demos))
+    prepared = prepare(skill.configuration, robot, demonstrations_of(skill, arguments.demos, robot))
     firsts = np.stack([q[0] for q in prepared.joints.q])
     return starts_around(problem, firsts, count, spread=arguments.around, seed=arguments.seed, margin=arguments.margin)
 

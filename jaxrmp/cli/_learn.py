@@ -25,13 +25,16 @@ from ._output import error_table, made_by, progress_bar, tell, write_json
 from ._overrides import parse_overrides
 from ._report_pages import learning_page, pictures_in
 from ._reproduce import result_dict
-from ._sources import default_demonstrations, find_demonstrations
+from ._sources import RECORDED, default_demonstrations, find_demonstrations
 
 
 def run(arguments: argparse.Namespace, rest: list[str]) -> None:
-    configuration = load_configuration(arguments.config, parse_overrides(rest))
+    said = {f"recording.{key}": value for key in RECORDED if (value := getattr(arguments, key))}
+    configuration = load_configuration(arguments.config, parse_overrides(rest) | said)
     robot = configuration.load_robot()
-    demonstrations = find_demonstrations(arguments.demos or default_demonstrations(configuration.name))
+    demonstrations = find_demonstrations(
+        arguments.demos or default_demonstrations(configuration.name), configuration, robot
+    )
     out = arguments.out or Path("out") / configuration.name
     if out.exists() and not out.is_dir():
         raise ConfigurationError(f"--out {str(out)!r} is a file: give a folder.")

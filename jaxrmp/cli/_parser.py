@@ -10,7 +10,7 @@ from ..scenes import SCENES
 EXIT_CODES = "exit codes: 0 done, 1 error (explained), 2 wrong usage, 130 interrupted"
 TASKS = ("drawer_closing", "door_reaching")
 _SCENE = f"{', '.join(SCENES)}, or your own: FILE.py or FILE.py:FUNCTION"
-_DEMOS = "a folder of demonstrations, or synthetic:TASK; default "
+_DEMOS = "demonstrations, a folder or a file, or synthetic:TASK; default "
 _LEARNED_FROM = _DEMOS + "those it was learned from"
 _SKILL = "skill file written by jaxrmp learn"
 _MOVED = "robot file, if it is no longer where the skill was learned"
@@ -36,6 +36,16 @@ _PAGE = (
     _argument("--port P", "on 127.0.0.1; default 8080, 0 for any", 8080),
     _argument("--until-closed", "end when the page is closed, not by Ctrl-C only"),
 )
+_RECORDED = (
+    _argument(
+        "--units UNITS",
+        "of the demonstrations, where they do not say: rad, degrees or normalised; of poses m, cm or mm",
+        type=str,
+    ),
+    _argument("--group NAME", "which of several groups of joints: a feature, topic or dataset", type=str),
+    _argument("--rate HZ", "samples a second, where the demonstrations do not say", type=float),
+    _argument("--quaternion ORDER", "of poses, where they do not say: wxyz or xyzw", type=str),
+)
 _FIX = _argument("--fix PATTERN", "lock joints, such as '*_finger_*' or elbow=0.5; may be given again", action="append")
 # Of each command: what it does, in a few words and in more, an example, and its arguments.
 _COMMANDS: dict[str, tuple[str, str, str, list[tuple[str, dict[str, Any]]]]] = {
@@ -47,6 +57,7 @@ _COMMANDS: dict[str, tuple[str, str, str, list[tuple[str, dict[str, Any]]]]] = {
         [
             _argument("CONFIG", "TOML configuration, such as configs/drawer_closing.toml"),
             _argument("--demos DIR", _DEMOS + "$JAXRMP_DATA/franka/NAME if set, else synthetic", type=str),
+            *_RECORDED,
             _argument("--out DIR", "output folder, default out/NAME"),
             _argument("--groups", "learn one skill of each family of demonstrations that part, in OUT/group_0, ..."),
             _argument("--json FILE", "write the report here as well, with the skill's file"),
@@ -191,13 +202,14 @@ _COMMANDS: dict[str, tuple[str, str, str, list[tuple[str, dict[str, Any]]]]] = {
     ),
     "check": (
         "say what is read of a file, and what looks wrong",
-        "Of a robot (MJCF, URDF), a folder of demonstrations, a configuration, a skill or an XRDF: its facts as a "
+        "Of a robot (MJCF, URDF), demonstrations, a configuration, a skill or an XRDF: its facts as a "
         "table, what is left out of it and why, and what looks wrong. Exit code 1 if anything of it is unsafe.",
         "robot.urdf --json check.json",
         [
-            _argument("FILE", "the file, or the folder of demonstrations", type=Path),
+            _argument("FILE", "the file, or the folder", type=Path),
             _argument("--robot FILE", "of demonstrations and XRDF: the robot that they are for", type=str),
             _argument("--demos DIR", "of a configuration: demonstrations to check with it", type=str),
+            *_RECORDED,
             _argument("--rmpflow FILE", "of an XRDF: the RMPflow configuration beside it"),
             _argument("--json FILE", "write the same as JSON; what could not be checked is null"),
         ],

@@ -20,7 +20,7 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
             f"--dt {arguments.dt} and --duration {arguments.duration}: expected 0 < dt <= duration."
         )
     skill, robot = skill_and_robot(arguments.skill, arguments.robot)
-    demonstrations = demonstrations_of(skill, arguments.demos)
+    demonstrations = demonstrations_of(skill, arguments.demos, robot)
     with progress_bar(arguments.quiet) as progress:
         progress("preparing", 0.0)
         prepared = prepare(skill.configuration, robot, demonstrations)

@@ -24,7 +24,7 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
         visualization.prepare_headless()
     skill = learning.load_skill(arguments.skill)
     scene = scene_of(arguments.scene, skill)
-    demonstrations = demonstrations_of(skill, arguments.demos)
+    demonstrations = demonstrations_of(skill, arguments.demos, scene.robot)
     with progress_bar(arguments.quiet) as progress:
         progress("preparing", 0.0)
         prepared = learning.prepare(skill.configuration, scene.robot, demonstrations)

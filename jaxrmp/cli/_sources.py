@@ -9,12 +9,13 @@ import numpy as np
 
 from .._errors import ConfigurationError, DemonstrationError
 from ..kinematics import Robot, idle_joints, load_robot
-from ..learning import DemonstrationSet, Skill, load_demonstrations, load_skill
+from ..learning import Configuration, DemonstrationSet, Skill, load_demonstrations, load_skill
 from ..scenes import Scene, scene
 from ..synthetic import SYNTHETIC_TASKS, synthetic_demonstrations
 from ._output import tell
 
 SYNTHETIC = "synthetic:"
+RECORDED = ("units", "group", "rate", "quaternion")  # of `RecordingSettings` with an argument of their own
 _NAMED = 6  # locked joints that are named
 
 
@@ -96,21 +97,27 @@ def default_demonstrations(skill: str) -> str:
     return synthetic
 
 
-def find_demonstrations(named: str) -> DemonstrationSet:
-    """The demonstrations named on the command line, a folder or synthetic:TASK; that name becomes their source."""
+def find_demonstrations(
+    named: str, configuration: Configuration | None = None, robot: Robot | None = None
+) -> DemonstrationSet:
+    """The demonstrations named on the command line, of a path or synthetic:TASK; that name becomes their source.
+
+    The `configuration` says how recordings are read and which object was tracked, the `robot` which joints matter.
+    """
     if named.startswith(SYNTHETIC):
         return replace(synthetic_demonstrations(named.removeprefix(SYNTHETIC)), source=named)
     if named == SYNTHETIC.removesuffix(":"):
         raise DemonstrationError(
             f"which synthetic task? Write {SYNTHETIC}TASK, TASK one of {', '.join(SYNTHETIC_TASKS)}."
         )
-    return replace(load_demonstrations(named), source=str(Path(named).resolve()))
+    known = (configuration.recording, robot, configuration.base, configuration.object) if configuration else ()
+    return replace(load_demonstrations(named, *known), source=str(Path(named).resolve()))
 
 
-def demonstrations_of(skill: Skill, named: str | None) -> DemonstrationSet:
-    """The demonstrations named, or else those that the skill was learned from."""
+def demonstrations_of(skill: Skill, named: str | None, robot: Robot) -> DemonstrationSet:
+    """The demonstrations named, or else those that the skill was learned from, with the joints of its `robot`."""
     try:
-        return find_demonstrations(named or skill.source)
+        return find_demonstrations(named or skill.source, skill.configuration, robot)
     except DemonstrationError as error:
         if named:
             raise

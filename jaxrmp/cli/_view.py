@@ -36,7 +36,7 @@ def _viewer(arguments: argparse.Namespace, progress: Callable[[str, float], None
     place = scene_of(arguments.scene, skill) if arguments.scene else None
     prepared = None
     try:
-        prepared = prepare(skill.configuration, robot, demonstrations_of(skill, arguments.demos))
+        prepared = prepare(skill.configuration, robot, demonstrations_of(skill, arguments.demos, robot))
     except DemonstrationError as error:
         if arguments.demos:
             raise

@@ -14,7 +14,6 @@ from ._configuration_file import configuration_from_dict as configuration_from_d
 from ._configuration_file import configuration_to_dict as configuration_to_dict
 from ._configuration_file import load_configuration as load_configuration
 from ._demonstration_files import check_replaceable as check_replaceable
-from ._demonstration_files import load_demonstrations as load_demonstrations
 from ._demonstration_files import save_demonstrations as save_demonstrations
 from ._demonstrations import Demonstration as Demonstration
 from ._demonstrations import DemonstrationSet as DemonstrationSet
@@ -35,6 +34,7 @@ from ._learn_flow import learn_flow as learn_flow
 from ._learn_paper import PaperLearning as PaperLearning
 from ._learn_paper import learn_paper as learn_paper
 from ._learn_paper import training_samples as training_samples
+from ._load_demonstrations import load_demonstrations as load_demonstrations
 from ._measures import discrete_frechet as discrete_frechet
 from ._measures import dtw_distance as dtw_distance
 from ._measures import reproduction_errors as reproduction_errors
@@ -43,6 +43,12 @@ from ._metric_network import initial_cholesky_factor as initial_cholesky_factor
 from ._metric_training import MetricFit as MetricFit
 from ._metric_training import train_metrics as train_metrics
 from ._nominal import nominal_demonstration as nominal_demonstration
+from ._path_files import is_paths as is_paths
+from ._path_files import load_paths as load_paths
+from ._pose_demonstrations import PoseDemonstration as PoseDemonstration
+from ._pose_demonstrations import PoseDemonstrationSet as PoseDemonstrationSet
+from ._pose_files import is_poses as is_poses
+from ._pose_files import load_poses as load_poses
 from ._potential_choice import PotentialChoice as PotentialChoice
 from ._potential_choice import choose_potential as choose_potential
 from ._potential_program import PotentialFit as PotentialFit
@@ -57,6 +63,7 @@ from ._preprocessing import Preprocessed as Preprocessed
 from ._preprocessing import PreprocessingReport as PreprocessingReport
 from ._preprocessing import PreprocessingSettings as PreprocessingSettings
 from ._preprocessing import preprocess as preprocess
+from ._recording import RecordingSettings as RecordingSettings
 from ._report import learning_report as learning_report
 from ._reproduce import Reproduction as Reproduction
 from ._reproduce import reproduce as reproduce

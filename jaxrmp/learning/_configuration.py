@@ -13,6 +13,7 @@ from .._ranges import NonNegative, Positive, settings
 from ..kinematics import Robot, load_robot, panda
 from ..leaves import Damping, JointLimit
 from ._preprocessing import PreprocessingSettings
+from ._recording import RecordingSettings
 
 ACTIVATIONS = ("relu", "softplus", "silu", "tanh")
 LOSSES = ("smooth_l1", "l2")
@@ -130,10 +131,11 @@ class Configuration:
     """Everything that `learn` needs besides the demonstrations.
 
     `name` of the skill; `subtasks`, its control points; `robot`, "panda" or the path of an MJCF or URDF file;
-    `fixed_joints`, joints of that file that stay at a value; `base`, the frame of the robot in which object poses were
-    recorded; `object`, the tracked object whose frame the skill lives in, empty for the axes of `base` at the mean
-    final position of the first control point; `seed`, of all that is random; `method`, "flow", "paper" or "auto", see
-    `learn`; `preprocessing`, `target`, `flow`, `potential`, `metric` and `policy`, the settings of each step.
+    `recording`, what the files of demonstrations leave open; `fixed_joints`, joints of that file that stay at a value;
+    `base`, the frame of the robot in which object poses were recorded; `object`, the tracked object whose frame the
+    skill lives in, empty for the axes of `base` at the mean final position of the first control point; `seed`, of all
+    that is random; `method`, "flow", "paper" or "auto", see `learn`; `preprocessing`, `target`, `flow`, `potential`,
+    `metric` and `policy`, the settings of each step.
 
     **Raises** `ConfigurationError` for values that make no sense.
     """
@@ -146,6 +148,7 @@ class Configuration:
     object: str = ""
     seed: int = 0
     method: Method = "auto"
+    recording: RecordingSettings = RecordingSettings()
     preprocessing: PreprocessingSettings = PreprocessingSettings()
     target: TargetSettings = TargetSettings()
     flow: FlowSettings = FlowSettings()

@@ -5,6 +5,7 @@ import os
 import re
 import shutil
 import uuid
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,29 +15,21 @@ from .._errors import DemonstrationError
 from .._files import read_npz
 from .._rotations import pose
 from ._demonstration_tables import read_table
-from ._demonstrations import Demonstration, DemonstrationSet, check_demonstration, check_poses
+from ._demonstrations import JOINT_UNITS, Demonstration, DemonstrationSet, check_demonstration, check_poses
+from ._recording import RecordingSettings, chosen_episodes, name_columns, stated
 
 _NAME = re.compile(r"demo_(\d+)\.(npz|csv)")
 _BASE, _POSE = "pose_world_base", "pose_world_"
-_LAYOUT = "Expected demo_0.npz, demo_1.npz, ... with meta.json, or demo_0.csv, demo_1.csv, ..."
+_LAYOUT = (
+    "Expected demo_0.npz, demo_1.npz, ... with meta.json, or demo_0.csv, demo_1.csv, ...; or a LeRobotDataset, ROS "
+    "bags, or one HDF5 file of robomimic."
+)
 
 
-def load_demonstrations(path: str | os.PathLike) -> DemonstrationSet:
-    """Read the demonstrations that lie in the folder `path`, in the order of their numbers.
-
-    Either `demo_K.npz` files with a `meta.json` (`robot`, `joint_names`; optional `source`, `num_demos`, `objects`):
-    `time` [T], s; `joint_positions` [T, n], rad or m; optional `pose_world_base` and `pose_world_OBJECT`, [T, 4, 4] or
-    [4, 4]. Or `demo_K.csv` files, a header and one line per sample: `time`, then the joints by name; optional
-    `OBJECT_x, _y, _z, _qw, _qx, _qy, _qz`, the object's pose in the base frame; `meta.json` is optional with them.
-
-    **Returns** a `DemonstrationSet`; objects' poses are in the robot's base frame,
-    `T_base_object = inv(T_world_base) T_world_object`, or as they are where no base pose is given.
-    **Raises** `DemonstrationError`, naming the file, if something is missing, unreadable or does not fit together;
-    `RigidTransformError` if a pose is not a rigid transform.
-    """
-    folder = Path(path)
-    files = _demonstration_files(folder)
-    meta = _read_meta(folder / "meta.json", required=files[0].suffix == ".npz")
+def read_folder(folder: Path, recording: RecordingSettings, told: list[str]) -> DemonstrationSet:
+    """What `demo_K.npz` files with meta.json, or `demo_K.csv` files, hold; raises as `load_demonstrations`."""
+    files = numbered_files(folder, _LAYOUT)
+    meta = read_meta(folder / "meta.json", required=files[0].suffix == ".npz")
     read = _read_npz if files[0].suffix == ".npz" else read_table
     if meta.get("num_demos", len(files)) != len(files):
         raise DemonstrationError(
@@ -45,7 +38,8 @@ def load_demonstrations(path: str | os.PathLike) -> DemonstrationSet:
         )
     joint_names = tuple(meta["joint_names"]) if "joint_names" in meta else None
     demonstrations = []
-    for file in files:
+    for k in chosen_episodes(recording, range(len(files)), folder):
+        file = files[k]
         demonstration, joint_names = read(file, joint_names)
         check_demonstration(demonstration, joint_names, str(file))
         absent = [name for name in meta.get("objects", ()) if name not in demonstration.poses]
@@ -54,9 +48,16 @@ def load_demonstrations(path: str | os.PathLike) -> DemonstrationSet:
                 f"{file} has no pose of {absent[0]!r}, which meta.json lists under objects. It has "
                 f"{list(demonstration.poses) or 'none'}."
             )
+        if recording.rate:
+            demonstration = replace(demonstration, time=np.arange(len(demonstration.q)) / recording.rate)
         demonstrations.append(demonstration)
-    source = str(meta.get("source", folder.name))
-    return DemonstrationSet(tuple(demonstrations), joint_names or (), str(meta.get("robot", "unknown")), source)
+    names = name_columns(["joints"], {"joints": joint_names or ()}, recording, None, folder, told)
+    units = meta.get("units", {})
+    said = str(units.get("joint_positions", "rad") if isinstance(units, dict) else units)
+    said = {"deg": "degrees", "degree": "degrees", "radians": "rad"}.get(said, said)
+    units = stated(recording, "units", said, JOINT_UNITS, folder / "meta.json")
+    source, layout = str(meta.get("source", folder.name)), f"{len(files)} files {files[0].suffix}"
+    return DemonstrationSet(tuple(demonstrations), names, str(meta.get("robot", "unknown")), source, units, layout)
 
 
 def save_demonstrations(demonstrations: DemonstrationSet, path: str | os.PathLike, overwrite: bool = False) -> Path:
@@ -78,7 +79,11 @@ def save_demonstrations(demonstrations: DemonstrationSet, path: str | os.PathLik
         meta = {
             "robot": demonstrations.robot,
             "joint_names": list(demonstrations.joint_names),
-            "units": {"time": "s", "joint_positions": "rad", "pose": "homogeneous 4x4, metres, in the base frame"},
+            "units": {
+                "time": "s",
+                "joint_positions": demonstrations.units,
+                "pose": "homogeneous 4x4, metres, in the base frame",
+            },
             "num_demos": len(demonstrations),
             "objects": list(demonstrations.object_names),
             "source": demonstrations.source,
@@ -100,18 +105,19 @@ def save_demonstrations(demonstrations: DemonstrationSet, path: str | os.PathLik
     return folder
 
 
-def _demonstration_files(folder: Path) -> list[Path]:
+def numbered_files(folder: Path, layout: str) -> list[Path]:
+    """The files demo_K in the order of K; **raises** `DemonstrationError` if there are none, or of two kinds."""
     if not folder.exists():
-        raise DemonstrationError(f"{folder} does not exist. {_LAYOUT}")
+        raise DemonstrationError(f"{folder} does not exist. {layout}")
     if not folder.is_dir():
-        raise DemonstrationError(f"{folder} is a file: give the folder that holds the demonstrations. {_LAYOUT}")
+        raise DemonstrationError(f"{folder} is a file: give the folder that holds the demonstrations. {layout}")
     numbered = {}
     for file in folder.iterdir():
         if match := _NAME.fullmatch(file.name):
             numbered.setdefault(match[2], {}).setdefault(int(match[1]), []).append(file)
     if not numbered:
         found = sorted(entry.name for entry in folder.iterdir())[:10]
-        raise DemonstrationError(f"no demonstrations in {folder}, which holds {found or 'nothing'}. {_LAYOUT}")
+        raise DemonstrationError(f"no demonstrations in {folder}, which holds {found or 'nothing'}. {layout}")
     if len(numbered) > 1:
         raise DemonstrationError(f"{folder} holds demonstrations both as .npz and as .csv: keep one kind.")
     (files,) = numbered.values()
@@ -123,7 +129,8 @@ def _demonstration_files(folder: Path) -> list[Path]:
     return [files[k][0] for k in sorted(files)]
 
 
-def _read_meta(file: Path, required: bool) -> dict[str, Any]:
+def read_meta(file: Path, required: bool) -> dict[str, Any]:
+    """What a meta.json says, nothing if there is none and none is `required`; **raises** `DemonstrationError`."""
     if not file.exists() and not required:
         return {}
     try:

@@ -1,6 +1,7 @@
 """A demonstration as a CSV table: a header, then one line per sample."""
 
 import csv
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -19,20 +20,11 @@ def read_table(file: Path, joint_names: tuple[str, ...] | None) -> tuple[Demonst
     **Returns** the demonstration and the names of its joints in order.
     **Raises** `DemonstrationError`, naming file and line; `RigidTransformError` for a quaternion not of unit length.
     """
-    header, rows = _read(file)
-    if not header or header[0] != "time":
-        raise DemonstrationError(f"{file}: the header is {header[:8]}, expected time, then the joints by name.")
-    double = [name for name in header if header.count(name) > 1]
-    if double:
-        raise DemonstrationError(f"{file}: the header names {double[0]!r} twice.")
-    objects = [name[:-3] for name in header if name.endswith("_qw")]
-    pose_columns = {name: [name + suffix for suffix in _POSE] for name in objects}
-    for name, columns in pose_columns.items():
-        absent = [column for column in columns if column not in header]
-        if absent:
-            raise DemonstrationError(f"{file}: the pose of {name!r} lacks the column {absent[0]!r}.")
-    taken = {"time"}.union(*pose_columns.values())
-    found = tuple(name for name in header if name not in taken)
+    column = read_numbers(file)
+    if next(iter(column), "") != "time":
+        raise DemonstrationError(f"{file}: the header is {list(column)[:8]}, expected time, then the joints by name.")
+    poses, taken = object_poses(file, column)
+    found = tuple(name for name in column if name not in {"time", *taken})
     if joint_names is not None and set(found) != set(joint_names):
         extra = [name for name in found if name not in joint_names]
         raise DemonstrationError(
@@ -41,12 +33,31 @@ def read_table(file: Path, joint_names: tuple[str, ...] | None) -> tuple[Demonst
         )
     joint_names = joint_names or found
     if not joint_names:
-        raise DemonstrationError(f"{file}: the header {header} names no joint.")
-    table = _numbers(file, header, rows)
-    column = {name: table[:, i] for i, name in enumerate(header)}
-    q = np.stack([column[name] for name in joint_names], axis=1)
-    poses = {name: _poses(file, name, np.stack([column[c] for c in cs], 1)) for name, cs in pose_columns.items()}
-    return Demonstration(column["time"], q, poses), joint_names
+        raise DemonstrationError(f"{file}: the header {list(column)} names no joint.")
+    return Demonstration(column["time"], np.stack([column[name] for name in joint_names], axis=1), poses), joint_names
+
+
+def read_numbers(file: Path) -> dict[str, np.ndarray]:
+    """The columns [T] of a CSV file by their names. **Raises** `DemonstrationError`, naming file and line."""
+    header, rows = _read(file)
+    if double := [name for name in header if header.count(name) > 1]:
+        raise DemonstrationError(f"{file}: the header names {double[0]!r} twice.")
+    return dict(zip(header, _numbers(file, header, rows).T, strict=True))
+
+
+def object_poses(file: Path, column: Mapping[str, np.ndarray]) -> tuple[dict[str, np.ndarray], list[str]]:
+    """Poses [T, 4, 4] of objects that have columns OBJECT_x, ..., OBJECT_qz; and the names of these columns.
+
+    **Raises** as `read_table`.
+    """
+    poses, taken = {}, []
+    for name in (name[:-3] for name in column if name.endswith("_qw")):
+        columns = [name + suffix for suffix in _POSE]
+        if absent := [c for c in columns if c not in column]:
+            raise DemonstrationError(f"{file}: the pose of {name!r} lacks the column {absent[0]!r}.")
+        poses[name] = _poses(file, name, np.stack([column[c] for c in columns], axis=1))
+        taken += columns
+    return poses, taken
 
 
 def _read(file: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:

@@ -9,6 +9,8 @@ import numpy as np
 from .._errors import DemonstrationError, RigidTransformError, UnknownNameError
 from .._task_map import check_rigid
 
+JOINT_UNITS = ("rad", "degrees", "normalised")
+
 
 @dataclass(frozen=True, eq=False)
 class Demonstration:
@@ -42,7 +44,9 @@ class Demonstration:
 class DemonstrationSet:
     """Two or more `demonstrations` of the same skill on the same robot.
 
-    `joint_names`, in the order of `q`'s columns; `robot`, its name; `source`, where the demonstrations come from.
+    `joint_names`, in the order of `q`'s columns; `robot`, its name; `source`, where the demonstrations come from;
+    `units` of `q`: rad (sliding joints m), or as recorded, degrees or normalised (-100 to 100 over a joint's range),
+    which `fit_to_robot` turns into rad; `layout`, what was read of the source and what not.
 
     **Raises** `DemonstrationError` if there are fewer than two, or one of them has other joints or objects than the
     rest, holds non-finite numbers, or has time running backwards; `RigidTransformError` if an object's pose is not a
@@ -53,8 +57,11 @@ class DemonstrationSet:
     joint_names: tuple[str, ...]
     robot: str = "unknown"
     source: str = "unknown"
+    units: str = "rad"
+    layout: str = ""
 
     def __post_init__(self):
+        UnknownNameError.check("unit of joints", self.units, JOINT_UNITS)
         object.__setattr__(self, "demonstrations", tuple(self.demonstrations))
         object.__setattr__(self, "joint_names", tuple(str(name) for name in self.joint_names))
         twice = [name for name in self.joint_names if self.joint_names.count(name) > 1]
@@ -96,17 +103,22 @@ def check_demonstration(demonstration: Demonstration, joint_names: tuple[str, ..
             f"{where}: joint positions have shape {q.shape}, expected [T, {len(joint_names)}] for the joints "
             f"{list(joint_names)}."
         )
-    if time.shape != (len(q),):
-        raise DemonstrationError(
-            f"{where}: time has shape {time.shape} but there are {len(q)} rows of joint positions."
-        )
+    check_samples(time, q, "joint positions", where)
+    for name, T in demonstration.poses.items():
+        check_poses(T, len(time), f"{where}: the pose of {name!r}")
+
+
+def check_samples(time: np.ndarray, values: np.ndarray, what: str, where: str) -> None:
+    """Raise `DemonstrationError` unless `values` [T, n] and their `time` [T] are numbers in the order of time."""
+    if time.shape != (len(values),):
+        raise DemonstrationError(f"{where}: time has shape {time.shape} but there are {len(values)} rows of {what}.")
     if len(time) < 2:
         raise DemonstrationError(f"{where}: has {len(time)} sample(s); a motion needs at least two.")
-    for name, values in (("time", time[:, None]), ("joint positions", q)):
-        bad = np.flatnonzero(~np.isfinite(values).all(axis=1))
+    for name, table in (("time", time[:, None]), (what, values)):
+        bad = np.flatnonzero(~np.isfinite(table).all(axis=1))
         if bad.size:
             raise DemonstrationError(
-                f"{where}: {name} not finite at sample {bad[0]} ({values[bad[0]].tolist()}), and {bad.size} such "
+                f"{where}: {name} not finite at sample {bad[0]} ({table[bad[0]].tolist()}), and {bad.size} such "
                 "sample(s) in all. Remove them, or record again."
             )
     back = np.flatnonzero(np.diff(time) < 0)
@@ -115,8 +127,6 @@ def check_demonstration(demonstration: Demonstration, joint_names: tuple[str, ..
         raise DemonstrationError(
             f"{where}: time runs backwards at sample {i + 1}, from {time[i]:.6g} s to {time[i + 1]:.6g} s."
         )
-    for name, T in demonstration.poses.items():
-        check_poses(T, len(time), f"{where}: the pose of {name!r}")
 
 
 def check_poses(T: np.ndarray, samples: int, what: str) -> None:

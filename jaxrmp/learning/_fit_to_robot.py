@@ -15,20 +15,21 @@ from ._turns import one_turn_for_all, within_limits, without_wraps
 def fit_to_robot(demonstrations: DemonstrationSet, robot: Robot) -> DemonstrationSet:
     """The same `demonstrations` with the joints of `robot`, in its order, and what a recorder did to them undone.
 
-    Columns of joints that are locked or follow others are left out. Angles that jump by a whole turn, as of recorders
-    that keep them within (-pi, pi], are counted through, and demonstrations that are whole turns off the others are
-    brought to theirs, as far as the joint's limits allow. A `FileWarning` says so by demonstration, joint and sample.
+    Columns of joints that are locked, follow others, or are none of the robot's are left out, and degrees and shares of
+    a joint's range become radians (sliding joints: metres). Angles that jump by a whole turn, as of recorders that keep
+    them within (-pi, pi], are counted through, and demonstrations that are whole turns off the others are brought to
+    theirs, as far as the joint's limits allow. A `FileWarning` says so by demonstration, joint and sample.
 
-    **Raises** `DemonstrationError`, by demonstration, joint and sample, for columns that are no joints of the robot,
-    joints without a column, time stamps that are not in seconds, angles that are not in radians (values far beyond the
-    limits, several turns, speeds far above the velocity limits), and jumps that no motion explains.
+    **Raises** `DemonstrationError`, by demonstration, joint and sample, for joints without a column, time stamps that
+    are not in seconds, angles that are not in radians (values far beyond the limits, several turns, speeds far above
+    the velocity limits), and jumps that no motion explains.
     """
     told: list[str] = []
     columns = _columns(demonstrations, robot, told)
     joints = {joint.name: joint for joint in robot.model.joints}
     limits = zip(*(np.asarray(a, float) for a in (robot.lower, robot.upper, robot.velocity_limit)), strict=True)
     times = [d.time for d in demonstrations]
-    recorded = [np.array(d.q[:, columns]) for d in demonstrations]
+    recorded = [_in_radians(d.q[:, columns], demonstrations.units, robot, told) for d in demonstrations]
     for k, (time, q) in enumerate(zip(times, recorded, strict=True)):
         check_time(time, q, f"demonstration {k}")
     for j, (name, (lower, upper, fastest)) in enumerate(zip(robot.joint_names, limits, strict=True)):
@@ -53,26 +54,47 @@ def fit_to_robot(demonstrations: DemonstrationSet, robot: Robot) -> Demonstratio
     if told:
         warnings.warn(f"demonstrations ({demonstrations.source}): " + " ".join(told), FileWarning, stacklevel=3)
     fitted = tuple(replace(d, q=q) for d, q in zip(demonstrations, recorded, strict=True))
-    return replace(demonstrations, demonstrations=fitted, joint_names=robot.joint_names)
+    return replace(demonstrations, demonstrations=fitted, joint_names=robot.joint_names, units="rad")
 
 
 def _columns(demonstrations: DemonstrationSet, robot: Robot, told: list[str]) -> list[int]:
     """The column of each of the robot's joints."""
     given, wanted = demonstrations.joint_names, robot.joint_names
     dependent = {joint.name for joint in robot.model.joints} - set(wanted)
-    missing = [name for name in wanted if name not in given]
-    foreign = [name for name in given if name not in wanted and name not in dependent]
-    if missing or foreign:
+    if missing := [name for name in wanted if name not in given]:
         raise DemonstrationError(
-            f"demonstrations have joints {list(given)}, robot {robot.name!r} has {list(wanted)}. "
-            + (f"{foreign} are no joints of it, such as a gripper's: leave them out of the files. " if foreign else "")
-            + (
-                f"{missing} are not in the demonstrations: name them alike, or fix them (fixed_joints). "
-                * bool(missing)
-            )
-            + "Or load the right robot."
+            f"demonstrations have joints {list(given)}, robot {robot.name!r} has {list(wanted)}. {missing} are not in "
+            "the demonstrations: name them alike (recording.columns), name the group that holds them (--group), or fix "
+            "them (fixed_joints). Or load the right robot."
         )
-    left_out = [name for name in given if name in dependent]
-    if left_out:
-        told.append(f"the columns of {left_out} are left out, since these joints are locked or follow others.")
+    locked = [name for name in given if name in dependent]
+    if locked:
+        told.append(f"the columns of {locked} are left out, since these joints are locked or follow others.")
+    if foreign := [name for name in given if name not in wanted and name not in dependent]:
+        told.append(
+            f"the columns of {foreign} are left out, since they are no joints of robot {robot.name!r}. If one of them "
+            "moves the hand, load the robot that has it."
+        )
     return [given.index(name) for name in wanted]
+
+
+def _in_radians(q: np.ndarray, units: str, robot: Robot, told: list[str]) -> np.ndarray:
+    """Positions [T, n] of the robot's joints as recorded in `units`, in rad, of sliding joints in m."""
+    if units == "degrees":
+        kinds = {joint.name: joint.kind for joint in robot.model.joints}
+        return np.where([kinds[name] == "revolute" for name in robot.joint_names], np.deg2rad(q), q)
+    if units == "normalised":
+        lower, upper = (np.asarray(limit, float) for limit in (robot.lower, robot.upper))
+        if endless := [n for n, a in zip(robot.joint_names, np.isfinite(upper - lower), strict=True) if not a]:
+            raise DemonstrationError(
+                f"positions are normalised to -100 to 100 over each joint's range, but joints {endless} of robot "
+                f"{robot.name!r} have no limits: record in degrees."
+            )
+        said = (
+            "positions from -100 to 100 are taken for the range between the limits of the robot's file. If the arm was "
+            "calibrated to another range, the angles are off: record in degrees."
+        )
+        if said not in told:
+            told.append(said)
+        return lower + (q + 100.0) / 200.0 * (upper - lower)
+    return np.array(q)

@@ -47,7 +47,7 @@ def check_angles(q: np.ndarray, lower: float, upper: float, place: str) -> None:
     elif many or np.ptp(q) > 4 * np.pi:
         raise DemonstrationError(
             f"{place} is at {q[largest]:.4g} at sample {largest}, {abs(q[largest]) / (2 * np.pi):.3g} turns if that is "
-            "radians. Are the recordings in degrees? Convert them to radians: numpy.deg2rad."
+            "radians. Are the recordings in degrees? Then say --units degrees (recording.units)."
         )
 
 
@@ -56,10 +56,14 @@ def check_range(q: np.ndarray, lower: float, upper: float, turning: bool, place:
     beyond = np.maximum(lower - q, q - upper)
     worst = int(beyond.argmax())
     if beyond[worst] > BEYOND_LIMITS:
-        unit, units, convert = ("rad", "degrees", "numpy.deg2rad") if turning else ("m", "millimetres", "/ 1000")
+        unit, units, convert = (
+            ("rad", "degrees", "say --units degrees, recording.units")
+            if turning
+            else ("m", "millimetres", "convert them: / 1000")
+        )
         raise DemonstrationError(
             f"{place} is {beyond[worst]:.3g} {unit} outside its limits at sample {worst} ({q[worst]:.4g}, limits "
-            f"{lower:.4g} to {upper:.4g}). Are the recordings in {units} (then convert them: {convert}), or of another "
+            f"{lower:.4g} to {upper:.4g}). Are the recordings in {units} (then {convert}), or of another "
             "robot?"
         )
 

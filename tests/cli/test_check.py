@@ -3,6 +3,8 @@
 import json
 import math
 
+import h5py
+import numpy as np
 import pytest
 
 from jaxrmp.cli import main
@@ -91,6 +93,41 @@ def test_demonstrations_that_go_two_ways(check, tmp_path):
     code, found, said = check("turn.toml", text, "--demos", tmp_path / "demos")
     assert code == 0 and found["read"]["ways to go"] == 2 and "go 2 ways: 0, 2, 4 | 1, 3, 5." in said
     assert main(["check", str(tmp_path / "demos"), "--robot", str(tmp_path / "arm.urdf")]) == 0
+
+
+def test_recordings_that_do_not_say_all(tmp_path, capsys):
+    """What is missing is named with the option that says it; poses and paths are known by their content."""
+    file, s = tmp_path / "pour.npz", np.linspace(0, 1, 20)[:, None]
+    poses = {f"positions_{k}": 30 * s * [[1, k, 0]] for k in range(2)}
+    np.savez(file, **poses, **{f"quaternions_{k}": np.tile([1.0, 0, 0, 0], (20, 1)) for k in range(2)})
+    for more, said in (
+        ([], "Say --units"),
+        (["--units", "cm"], "Say --quaternion"),
+        (["--units", "cm", "--quaternion", "wxyz"], "0.4243"),
+    ):
+        assert main(["check", str(file), "--rate", "10", *more]) == (1 if "Say" in said else 0)
+        out = capsys.readouterr().out
+        assert said in out and "poses of a hand" in out
+    np.savez(tmp_path / "e.npz", positions_0=s * [[3, 4]], positions_1=s * [[6, 8]])
+    assert main(["check", str(tmp_path / "e.npz")]) == 0
+    assert "20       10" in capsys.readouterr().out
+    (tmp_path / "arm.urdf").write_text(ARM)
+    with h5py.File(tmp_path / "two.hdf5", "w") as content:
+        for k in range(2):
+            content[f"data/demo_{k}/obs/robot0_joint_pos"] = s
+    command = ["check", str(tmp_path / "two.hdf5"), "--robot", str(tmp_path / "arm.urdf"), "--group"]
+    assert main([*command, "obs/robot0_joint_pos"]) == 1 and "recording.rate" in capsys.readouterr().out
+    assert main([*command, "obs/robot1_joint_pos", "--rate", "10"]) == 1
+    assert "Did you mean 'obs/robot0_joint_pos'" in capsys.readouterr().out
+    assert main([*command, "obs/robot0_joint_pos", "--rate", "10"]) == 0
+    assert "are taken for ['pan']" in capsys.readouterr().out
+    text = 'name = "turn"\nrobot = "arm.urdf"\n[[subtasks]]\nname = "tip"\nframe = "tool0"\n[recording]\nrate = 10\n'
+    (tmp_path / "turn.toml").write_text(text)
+    command = [str(tmp_path / "turn.toml"), "--demos", str(tmp_path / "two.hdf5")]
+    main(["check", *command])
+    assert "are taken for ['pan']" in capsys.readouterr().out
+    assert main(["learn", *command, "--units", "grads", "--out", str(tmp_path / "out")]) == 1
+    assert "unknown recording.units 'grads'" in capsys.readouterr().err
 
 
 def test_a_configuration_with_its_robot(check, tmp_path):

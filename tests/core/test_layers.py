@@ -29,6 +29,9 @@ OPTIONAL = [
     "imageio",
     "imageio_ffmpeg",
     "yaml",
+    "pyarrow",
+    "h5py",
+    "rosbags",
 ]
 
 # Which third-party packages a module may import as it is imported; all others only inside functions.

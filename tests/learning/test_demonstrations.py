@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from jaxrmp import DemonstrationError, RigidTransformError, UnknownNameError
-from jaxrmp.learning._demonstration_files import load_demonstrations, save_demonstrations
+from jaxrmp.learning import load_demonstrations, save_demonstrations
 from jaxrmp.learning._demonstrations import Demonstration, DemonstrationSet
 
 JOINTS = ("a", "b", "c")
@@ -207,7 +207,7 @@ def test_a_place_without_demonstrations_says_what_is_there(tmp_path):
     with pytest.raises(DemonstrationError, match="does not exist"):
         load_demonstrations(tmp_path / "nowhere")
     (tmp_path / "notes.txt").write_text("")
-    with pytest.raises(DemonstrationError, match=r"is a file: give the folder"):
+    with pytest.raises(DemonstrationError, match="is a file, and of no kind that is known"):
         load_demonstrations(tmp_path / "notes.txt")
     with pytest.raises(DemonstrationError, match=r"no demonstrations in .*which holds \['notes.txt'\]"):
         load_demonstrations(tmp_path)

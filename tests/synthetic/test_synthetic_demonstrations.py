@@ -6,7 +6,7 @@ import pytest
 
 from jaxrmp import DemonstrationError, UnknownNameError
 from jaxrmp.kinematics import ControlPoints, panda
-from jaxrmp.learning._demonstration_files import load_demonstrations
+from jaxrmp.learning import load_demonstrations
 from jaxrmp.learning._preprocessing import preprocess
 from jaxrmp.learning._subtask_trajectories import end_spread
 from jaxrmp.synthetic import SYNTHETIC_TASKS, synthetic_demonstrations, write_synthetic_demonstrations

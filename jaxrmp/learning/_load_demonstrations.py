@@ -1,0 +1,84 @@
+"""Demonstrations from the files that people have: what they are is known by their content."""
+
+import os
+import warnings
+from pathlib import Path
+
+from .._errors import DemonstrationError, FileWarning
+from ..kinematics import Robot
+from ._demonstration_files import read_folder
+from ._demonstrations import DemonstrationSet
+from ._hdf5_demonstrations import MAGIC, read_hdf5
+from ._lerobot import INFO, read_lerobot
+from ._pose_files import is_poses
+from ._recording import RecordingSettings
+from ._ros_bags import bags_at, read_bags
+
+_KNOWN = "a folder of demo_0.npz or demo_0.csv, a LeRobotDataset, ROS bags, an HDF5 file of robomimic or robosuite"
+
+
+def load_demonstrations(
+    path: str | os.PathLike,
+    recording: RecordingSettings | None = None,
+    robot: Robot | None = None,
+    base: str = "world",
+    tracked: str = "",
+) -> DemonstrationSet:
+    """Read the demonstrations at `path`, a file or a folder, in the order of their numbers.
+
+    What they are is known by the content:
+
+    - `demo_K.npz` files with a `meta.json` (`robot`, `joint_names`; optional `source`, `num_demos`, `objects`,
+      `units`): `time` [T], s; `joint_positions` [T, n], rad or m; optional `pose_world_base` and `pose_world_OBJECT`,
+      [T, 4, 4] or [4, 4];
+    - `demo_K.csv` files, a header and one line per sample: `time`, then the joints by name; optional
+      `OBJECT_x, _y, _z, _qw, _qx, _qy, _qz`, the object's pose in the base frame; `meta.json` is optional with them;
+    - a LeRobotDataset of version 2 or 3, which does not say its units;
+    - bags of ROS 1 and 2, each a demonstration: joint states, and the transforms that lead from `base` to `tracked`;
+    - an HDF5 file of robomimic or robosuite, the body `tracked` from its MuJoCo states.
+
+    **Arguments**: `recording`, what the files do not say; `robot`, by whose joints their groups are told apart, and
+    whose order holds for columns without names; `base`, the frame of objects' poses; `tracked`, the object whose pose
+    to read where a file has many.
+    **Returns** a `DemonstrationSet`; objects' poses are in the robot's base frame, `T_base_object = inv(T_world_base)
+    T_world_object`, or as they are where no base pose is given. A `FileWarning` tells what was mended or left out.
+    **Raises** `DemonstrationError`, naming the file, if something is missing, unreadable, not said or does not fit
+    together; `RigidTransformError` if a pose is not a rigid transform; `UnknownNameError` for a group or frame that is
+    not there; `MissingDependencyError` without the package that reads a format, which `jaxrmp[formats]` brings.
+    """
+    path, recording = Path(path), recording or RecordingSettings()
+    told: list[str] = []
+    found = _read(path, recording, robot, base, tracked, told)
+    if told:
+        warnings.warn(f"{path}: " + " ".join(dict.fromkeys(told)), FileWarning, stacklevel=2)
+    return found
+
+
+def _read(
+    path: Path, recording: RecordingSettings, robot: Robot | None, base: str, tracked: str, told: list[str]
+) -> DemonstrationSet:
+    if (path / INFO).is_file():
+        return read_lerobot(path, recording, robot, told)
+    if (
+        path.is_dir()
+        and not any(path.glob("demo_*.npz"))
+        and len(inside := [f for f in path.iterdir() if _is_hdf5(f)]) == 1
+    ):
+        path = inside[0]
+    if _is_hdf5(path):
+        return read_hdf5(path, recording, robot, tracked, told)
+    if path.exists() and bags_at(path):
+        return read_bags(path, recording, robot, base, tracked, told)
+    if is_poses(path):
+        raise DemonstrationError(f"{path} holds poses of a hand and no joints: read them with learning.load_poses.")
+    if path.is_file():
+        raise DemonstrationError(f"{path} is a file, and of no kind that is known. Give {_KNOWN}.")
+    return read_folder(path, recording, told)
+
+
+def _is_hdf5(file: Path) -> bool:
+    try:
+        with open(file, "rb") as content:
+            return content.read(len(MAGIC)) == MAGIC
+    except OSError:
+        return False
