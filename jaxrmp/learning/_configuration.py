@@ -100,7 +100,7 @@ class FlowSettings:
     funnel: NonNegative[float] = 4.0
     inner: Positive[float] = 0.5
     outer: Positive[float] = 0.8
-    posture: NonNegative[float] = 0.003
+    posture: NonNegative[float] = 0.001
 
     def __post_init__(self):
         if self.outer <= self.inner:

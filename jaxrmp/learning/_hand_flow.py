@@ -118,22 +118,31 @@ def hand_flow(
     flow: Flow,
     points: tuple[np.ndarray, bool],
     targets: np.ndarray,
-    postures: np.ndarray,
+    ways: Sequence[np.ndarray],
     settings: FlowSettings,
     policy: PolicySettings,
 ) -> HandFlow:
     """A `HandFlow` of a trained `flow`, in single precision.
 
-    **Arguments**: `frame`, the hand's; `points`, by `hand_points`; their `targets` [P, 3]; `postures` [S, n] along the
-    ways that it leads, rad or m.
+    **Arguments**: `frame`, the hand's; `points`, by `hand_points`; their `targets` [P, 3]; `ways`, postures [S, n]
+    along each that it leads, rad or m.
     """
     offsets, turned = points
+    postures = np.concatenate(ways)
     hands, moves = _hands(robot, postures, frame, tuple(offsets.mean(0).tolist()))
     gains = {"speed": policy.speed, "damping_rate": policy.damping_rate, "weight": settings.weight}
     attractor = CruisingAttractor(np.zeros(offsets.size), **gains, name="learned")
     funnel = Funnel(postures, settings.funnel, settings.posture, inner=settings.inner, outer=settings.outer)
     wanted = settings.funnel or settings.posture
     return single(HandFlow(flow, attractor, funnel if wanted else None, offsets, targets, hands, moves, turned))
+
+
+def along(motion: HandFlow, robot: Robot, frame: str, ways: Sequence[np.ndarray]) -> HandFlow:
+    """The same with its funnel along other `ways`, postures [S, n] each, of the hand `frame` of `robot`."""
+    postures = np.concatenate(ways).astype(np.float32)
+    hands, moves = _hands(robot, postures, frame, tuple(np.asarray(motion.offsets, float).mean(0).tolist()))
+    funnel = replace(motion.funnel, postures=postures)
+    return replace(motion, funnel=funnel, hands=hands.astype(np.float32), moves=moves.astype(np.float32))
 
 
 def postures_of(robot: Robot, task_map: TaskMap, rays: np.ndarray, seeds: Sequence[np.ndarray]) -> list[np.ndarray]:

@@ -1,5 +1,6 @@
 """Rolls a skill out from where each demonstration began, and measures how well it is reproduced."""
 
+from collections.abc import Sequence
 from functools import partial
 from typing import NamedTuple
 
@@ -54,9 +55,7 @@ def reproduce(
     start = np.stack([q[0] for q in prepared.joints.q])
     ends = prepared.subtasks.ends if own_targets else np.broadcast_to(skill.targets, prepared.subtasks.ends.shape)
     trees = [skill.tree(robot, T, target) for T, target in zip(prepared.poses, ends, strict=True)]
-    stacked = jax.tree.map(lambda *parameters: jnp.asarray(np.stack(parameters), jnp.float32), *trees)
-    rollouts = _rollouts(stacked, jnp.asarray(start, jnp.float32), duration=duration, dt=dt)
-    rollouts = jax.tree.map(np.asarray, rollouts)
+    rollouts = rollouts_of(trees, start, duration, dt)
     finite = np.isfinite(rollouts.q).all((1, 2)) & np.isfinite(rollouts.qd).all((1, 2))
     if not finite.all():
         raise RolloutError(
@@ -79,6 +78,13 @@ def reproduce(
             }
         )
     return Reproduction(rollouts, np.stack(points), tuple(errors))
+
+
+def rollouts_of(trees: Sequence[Node], starts: np.ndarray, duration: float = 20.0, dt: float = 0.005) -> Rollout:
+    """Rollouts of N like `trees`, each from one of `starts` [N, n] at rest, with a leading axis of N."""
+    stacked = jax.tree.map(lambda *parameters: jnp.asarray(np.stack(parameters), jnp.float32), *trees)
+    found = _rollouts(stacked, jnp.asarray(starts, jnp.float32), duration=duration, dt=dt)
+    return jax.tree.map(np.asarray, found)
 
 
 @partial(jax.jit, static_argnames=("duration", "dt"))
