@@ -85,8 +85,8 @@ class FlowSettings:
     of points that stands for the hand: what its turn counts for; `weight`, the metric of the policy.
 
     `funnel`: 0 for none, else the metric of the leaf that leads joints back to where the demonstrations were; `inner`
-    and `outer`, rad, where it begins and where it is whole. `posture`: its metric within, a faint pull to the joints'
-    postures on the way, which settles what the hand leaves open."""
+    and `outer`, rad, where it begins and where it is whole. `posture`: the metric of a faint pull to the joints'
+    demonstrated end, which settles what the hand leaves open."""
 
     couplings: Positive[int] = 12
     hidden: Positive[int] = 32
@@ -100,7 +100,7 @@ class FlowSettings:
     funnel: NonNegative[float] = 4.0
     inner: Positive[float] = 0.5
     outer: Positive[float] = 0.8
-    posture: NonNegative[float] = 0.001
+    posture: NonNegative[float] = 0.003
 
     def __post_init__(self):
         if self.outer <= self.inner:

@@ -40,17 +40,18 @@ class Stacked(TaskMap):
 
 @pytree
 class HandFlow:
-    """A `flow` of the whole hand with its `attractor` behind it; `funnel`, a leaf on the joints, or None.
+    """A `flow` of the whole hand with its `attractor` behind it; `funnel` and `posture`, leaves on the joints, or None.
 
     `offsets` [P, 3], m, points in the first of the skill's frames that stand for the hand, and `targets` [P, 3] where
     they go, in the object's frame, m; if `turned`, a triangle, which says how the hand is turned, else the skill's
-    control points. `hands` [S, 3], m, where the hand is in the postures of the funnel, and `moves` [S, n, 6], how
-    joints follow a small motion of it: both for an object at the skill's `T_world_object`.
+    control points. `hands` [S + 1, 3], m, where the hand is in the postures of the funnel, and last at the joints' end;
+    `moves` [S + 1, n, 6], how joints follow a small motion of it: both for an object at the skill's `T_world_object`.
     """
 
     flow: Flow
     attractor: CruisingAttractor
     funnel: Funnel | None
+    posture: Funnel | None
     offsets: jax.Array
     targets: jax.Array
     hands: jax.Array
@@ -60,22 +61,32 @@ class HandFlow:
     def task_map(self, robot: Robot, frames: tuple[str, ...], T: jax.Array, targets: jax.Array | None) -> TaskMap:
         """From joint positions [n] to the stacked points, the target at zero; `targets` [P, 3] instead of its own."""
         frames = frames[:1] * len(self.offsets) if self.turned else frames
-        return stacked_points(robot, frames, self.offsets, T, self.targets if targets is None else targets)
+        points = ControlPoints(robot, frames, self.offsets)
+        origin = self.targets if targets is None else targets
+        return Stacked(compose(points, RigidTransform(T), Translation(origin)))
 
     def leaf(self, robot: Robot, frames: tuple[str, ...], T: jax.Array, targets: jax.Array | None = None) -> Node:
         """The learned policy as a node on joint space, the object at `T` [4, 4]."""
         return pullback(compose(self.task_map(robot, frames, T, targets), self.flow), self.attractor)
 
     def on_joints(self, robot: Robot, joints: tuple[int, ...], T_before: jax.Array, T: jax.Array) -> Node:
-        """The funnel of the arm, the coordinates `joints` of `robot`, for an object that moved from `T_before` to `T`
-        [4, 4]: to first order."""
-        if self.funnel is None:
+        """Funnel and posture of the arm, the coordinates `joints` of `robot`, for an object that moved from `T_before`
+        to `T` [4, 4]: to first order."""
+        postures = [] if self.funnel is None else [jnp.asarray(self.funnel.postures)]
+        postures += [] if self.posture is None else [jnp.asarray(self.posture.postures)]
+        if not postures:
             return Sum(())
-        q = _followed(jnp.asarray(self.funnel.postures), self.hands, self.moves, T_before, T)
+        q = jnp.concatenate(postures)
+        moved = _followed(q, self.hands[-len(q) :], self.moves[-len(q) :], T_before, T)
         lower, upper = (limit[np.array(joints)] for limit in (robot.lower, robot.upper))
         margin = _MARGIN * (upper - lower > 4 * _MARGIN)
-        q = jnp.clip(q, jnp.asarray(lower + margin, q.dtype), jnp.asarray(upper - margin, q.dtype))
-        return on_coordinates(joints, robot.num_joints, replace(self.funnel, postures=q))
+        moved = jnp.clip(moved, jnp.asarray(lower + margin, q.dtype), jnp.asarray(upper - margin, q.dtype))
+        node: Node = Sum(())
+        if self.funnel is not None:
+            node = node + replace(self.funnel, postures=moved[: len(self.funnel.postures)])
+        if self.posture is not None:
+            node = node + replace(self.posture, postures=moved[-1:])
+        return on_coordinates(joints, robot.num_joints, node)
 
     def targets_at(self, offsets: jax.Array, targets: jax.Array) -> jax.Array:
         """Where its points go if the control points at `offsets` go to `targets`, both [K, 3], as one rigid hand."""
@@ -91,11 +102,6 @@ class HandFlow:
         """The same at another cruise `speed`, m/s, and `damping_rate`, 1/s."""
         gains = {"speed": jnp.asarray(speed, jnp.float32), "damping_rate": jnp.asarray(damping_rate, jnp.float32)}
         return replace(self, attractor=replace(self.attractor, **gains))
-
-
-def stacked_points(robot: Robot, frames: tuple[str, ...], offsets, T, targets) -> Stacked:
-    """From joint positions to points at `offsets` [P, 3] in `frames`, less their `targets`, seen from `T`, stacked."""
-    return Stacked(compose(ControlPoints(robot, frames, offsets), RigidTransform(T), Translation(targets)))
 
 
 def hand_points(frames: tuple[str, ...], offsets: np.ndarray, circumradius: float) -> tuple[np.ndarray, bool]:
@@ -118,31 +124,24 @@ def hand_flow(
     flow: Flow,
     points: tuple[np.ndarray, bool],
     targets: np.ndarray,
-    ways: Sequence[np.ndarray],
+    postures: np.ndarray,
+    end: np.ndarray,
     settings: FlowSettings,
     policy: PolicySettings,
 ) -> HandFlow:
     """A `HandFlow` of a trained `flow`, in single precision.
 
-    **Arguments**: `frame`, the hand's; `points`, by `hand_points`; their `targets` [P, 3]; `ways`, postures [S, n]
-    along each that it leads, rad or m.
+    **Arguments**: `frame`, the hand's; `points`, by `hand_points`; their `targets` [P, 3]; `postures` [S, n] along the
+    ways that it leads, and `end` [n], where they end, rad or m.
     """
     offsets, turned = points
-    postures = np.concatenate(ways)
-    hands, moves = _hands(robot, postures, frame, tuple(offsets.mean(0).tolist()))
+    at = np.concatenate([postures, end[None]])
+    hands, moves = _hands(robot, at, frame, tuple(offsets.mean(0).tolist()))
     gains = {"speed": policy.speed, "damping_rate": policy.damping_rate, "weight": settings.weight}
+    funnel = Funnel(postures, settings.funnel, inner=settings.inner, outer=settings.outer) if settings.funnel else None
+    posture = Funnel(end[None], 0.0, settings.posture, name="posture") if settings.posture else None
     attractor = CruisingAttractor(np.zeros(offsets.size), **gains, name="learned")
-    funnel = Funnel(postures, settings.funnel, settings.posture, inner=settings.inner, outer=settings.outer)
-    wanted = settings.funnel or settings.posture
-    return single(HandFlow(flow, attractor, funnel if wanted else None, offsets, targets, hands, moves, turned))
-
-
-def along(motion: HandFlow, robot: Robot, frame: str, ways: Sequence[np.ndarray]) -> HandFlow:
-    """The same with its funnel along other `ways`, postures [S, n] each, of the hand `frame` of `robot`."""
-    postures = np.concatenate(ways).astype(np.float32)
-    hands, moves = _hands(robot, postures, frame, tuple(np.asarray(motion.offsets, float).mean(0).tolist()))
-    funnel = replace(motion.funnel, postures=postures)
-    return replace(motion, funnel=funnel, hands=hands.astype(np.float32), moves=moves.astype(np.float32))
+    return single(HandFlow(flow, attractor, funnel, posture, offsets, targets, hands, moves, turned))
 
 
 def postures_of(robot: Robot, task_map: TaskMap, rays: np.ndarray, seeds: Sequence[np.ndarray]) -> list[np.ndarray]:

@@ -17,7 +17,7 @@ from ._demonstrations import DemonstrationSet
 from ._families import families
 from ._flow_training import FlowFit
 from ._hand_flow import HandFlow
-from ._learn_flow import FlowLearning, learn_flow, with_own_ways
+from ._learn_flow import FlowLearning, learn_flow
 from ._learn_paper import PaperLearning, learn_paper
 from ._prepare import PreparedDemonstrations, control_point_frames, demonstrated_end, prepare
 from ._reproduce import Reproduction, reproduce
@@ -91,7 +91,6 @@ def learn(
             _check_stretch(flow.fit)
             skill = _skill(configuration, robot, demonstrations, prepared, None, flow.motion)
             progress("reproducing", 0.0)
-            skill = with_own_ways(skill, robot, flow.ways)
             reproduction = reproduce(skill, robot, prepared)
             lap("gate")
             _check(reproduction)

@@ -1,33 +1,27 @@
 """From demonstrations to a flow of the whole hand."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Callable
 from typing import NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 
-from .._errors import RolloutError
 from ..kinematics import Robot
 from ._arc_length import resample_by_arc_length
 from ._configuration import Configuration
 from ._flow_training import FlowFit, rays, train_flow
-from ._hand_flow import HandFlow, along, hand_flow, hand_points, postures_of, stacked_points
+from ._hand_flow import HandFlow, hand_flow, hand_points, postures_of
 from ._prepare import PreparedDemonstrations, control_point_frames, control_points, in_frame
-from ._reproduce import rollouts_of
-from ._skill import Skill, mean_pose, rigid_targets
+from ._skill import mean_pose, rigid_targets
 
 _FAR = 1500  # postures drawn from the joint range, where the flow is to leave space as it is
 _TUBE = 25  # postures of the funnel along each way
 
 
 class FlowLearning(NamedTuple):
-    """A `motion` for a skill, its funnel along the hand's ways as the demonstrated postures have them, `ways` N arrays
-    [S, n]; how its flow was trained, `fit`; `paths`, N arrays [T, m], what it was trained on: the
+    """A `motion` for a skill and how its flow was trained, `fit`; `paths`, N arrays [T, m], what it was trained on: the
     hand's points less their ends, stacked, m."""
 
     motion: HandFlow
-    ways: tuple[np.ndarray, ...]
     fit: FlowFit
     paths: tuple[np.ndarray, ...]
 
@@ -61,31 +55,15 @@ def learn_flow(
         configuration.seed,
         lambda done, loss: progress("flow", done / settings.updates),
     )
+    end = np.mean([q[-1] for q in prepared.joints.q], axis=0)
+    motion = hand_flow(robot, frames[0], fit.flow, points, targets, end[None], end, settings, configuration.policy)
     left = np.linspace(1.0, 0.0, _TUBE)
     ways = np.asarray(rays(fit.flow, np.stack([path[0] for path in paths]).astype(np.float32), left.astype(np.float32)))
     seeds = [resample_by_arc_length(q, _TUBE) for q in prepared.joints.q]
-    places_of = stacked_points(robot, frames, offsets, T, targets)
-    postures = tuple(postures_of(robot, places_of, ways, seeds))
-    motion = hand_flow(robot, frames[0], fit.flow, points, targets, postures, settings, configuration.policy)
-    return FlowLearning(motion, postures, fit, paths)
-
-
-def with_own_ways(skill: Skill, robot: Robot, ways: Sequence[np.ndarray]) -> Skill:
-    """A `skill` whose funnel is along the ways that it goes itself, with its funnel off, from the first of each `ways`.
-
-    A flow leaves its own ways nowhere, so that it has nothing to push against the funnel there. The postures of the
-    demonstrations are others, where an arm has more joints than a hand needs.
-    """
-    motion = skill.flow
-    if motion is None or motion.funnel is None:
-        return skill
-    open_tube = replace(motion.funnel, weight=jnp.zeros_like(motion.funnel.weight))
-    tree = replace(skill, flow=replace(motion, funnel=open_tube)).tree(robot)
-    found = rollouts_of([tree] * len(ways), np.stack([way[0] for way in ways]))
-    if not np.isfinite(found.q).all():
-        raise RolloutError("rollouts of the flow became non-finite. Lower flow.learning_rate or policy.damping_rate.")
-    own = [resample_by_arc_length(q, len(way)) for q, way in zip(found.q, ways, strict=True)]
-    return replace(skill, flow=along(motion, robot, skill.frames[0], own))
+    postures = postures_of(robot, motion.task_map(robot, frames, T, None), ways, seeds)
+    tube = np.concatenate(postures)
+    motion = hand_flow(robot, frames[0], fit.flow, points, targets, tube, end, settings, configuration.policy)
+    return FlowLearning(motion, fit, paths)
 
 
 def _stacked(points: np.ndarray) -> np.ndarray:

@@ -33,6 +33,7 @@ _HAND, _FLOW = ("offsets", "targets", "hands", "moves"), ("back", "length", "ori
 _FLOW_LEAVES = {
     "attractor": (CruisingAttractor, {"name": "learned"}),
     "funnel": (Funnel, {}),
+    "posture": (Funnel, {"name": "posture"}),
 }
 _NETWORK = ("dimension", "hidden", "activation", "offset")
 

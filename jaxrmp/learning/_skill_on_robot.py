@@ -81,8 +81,8 @@ def skill_on_robot(skill: "Skill", robot: Robot, arm: Robot) -> SkillOnRobot:
 
 
 def _flow_on(flow: "HandFlow", skill: "Skill", R: np.ndarray, at: np.ndarray, robot: Robot, arm: Robot) -> "HandFlow":
-    """A skill's flow with its points in the frames of bodies, turned by `R` and at `at`. Its funnel holds
-    where the arm stands as it stood; elsewhere it is left out, and that is said."""
+    """A skill's flow with its points in the frames of bodies, turned by `R` and at `at`. Its funnel and posture hold
+    where the arm stands as it stood; elsewhere they are left out, and it is said."""
     R, at = (R[:1].repeat(len(flow.offsets), 0), at[:1]) if flow.turned else (R, at)
     offsets = (einsum("kij,kj->ki", R, flow.offsets) + at).astype(np.float32)
     q = np.zeros(robot.num_joints)
@@ -99,4 +99,4 @@ def _flow_on(flow: "HandFlow", skill: "Skill", R: np.ndarray, at: np.ndarray, ro
         FileWarning,
         stacklevel=4,
     )
-    return replace(flow, offsets=offsets, funnel=None)
+    return replace(flow, offsets=offsets, funnel=None, posture=None)
