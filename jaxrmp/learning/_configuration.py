@@ -97,7 +97,7 @@ class FlowSettings:
     identity: NonNegative[float] = 0.1
     circumradius: Positive[float] = 0.15
     weight: Positive[float] = 10.0
-    funnel: NonNegative[float] = 4.0
+    funnel: NonNegative[float] = 12.0
     inner: Positive[float] = 0.5
     outer: Positive[float] = 0.8
     posture: NonNegative[float] = 0.003
@@ -147,7 +147,7 @@ class Configuration:
     base: str = "world"
     object: str = ""
     seed: int = 0
-    method: Method = "auto"
+    method: Method = "paper"
     recording: RecordingSettings = RecordingSettings()
     preprocessing: PreprocessingSettings = PreprocessingSettings()
     target: TargetSettings = TargetSettings()

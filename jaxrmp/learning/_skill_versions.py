@@ -76,5 +76,5 @@ def _from_3_to_4(content: SkillContent) -> SkillContent:
 
 def _from_4_to_5(content: SkillContent) -> SkillContent:
     """A skill says by which method it was learned; before there was a flow, by the paper's."""
-    header = content.header | {"flow": None, "configuration": content.header["configuration"] | {"method": "paper"}}
+    header = content.header | {"flow": None, "configuration": {"method": "paper"} | content.header["configuration"]}
     return SkillContent(header, content.arrays)

@@ -35,7 +35,7 @@ def command_lines(program: str) -> list[str]:
 
 
 LINES = "".join(code_blocks(COMMANDS, "sh")).splitlines()
-LESS_LEARNING = ["--flow.updates", "200"]
+LESS_LEARNING = ["--metric.updates", "100", "--potential.widths", "[0.05]", "--potential.basin_starts", "100"]
 
 
 def run_blocks(text: str, name: str) -> dict:
