@@ -1,12 +1,11 @@
 """Arms of other people: loaded, covered, and taken to random poses among obstacles, all by the same gains.
 
 The robots are of the package example-robot-data; `make robots` puts it where this looks, or JAXRMP_ROBOTS says where
-its folder `robots` is. Each arm, both arms at once where there are two, starts at its rest posture among four
-obstacles clear of that. It is a random one, well conditioned, from which many straight ways in joint space are clear of
-the robot itself. Goals are poses of the hands at random postures clear of the robot and of the obstacles, in position
-alone for arms of five joints. The policy is told the poses alone: `find_posture` finds postures for them. Rollouts are
-kinematic and last 10 s at 1 kHz. Times are CPU seconds; those of the cover and its pairs count where JAXRMP_CACHE is an
-empty folder.
+its folder `robots` is. Each arm, both arms at once where there are two, starts at a rest posture of `find_rest` among
+four obstacles clear of that. Goals are poses of the hands at random postures clear of the robot and of the obstacles,
+in position alone for arms of five joints. The policy is told the poses alone: `find_posture` finds postures for them.
+Rollouts are kinematic and last 10 s at 1 kHz. Times are CPU seconds; those of the cover and its pairs count where
+JAXRMP_CACHE is an empty folder.
 """
 
 import os
@@ -24,7 +23,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxrmp import acceleration, policies
-from jaxrmp.kinematics import ControlPoints, Robot, forward_kinematics, hand_frame, idle_joints, load_robot
+from jaxrmp.kinematics import Robot, forward_kinematics, hand_frame, idle_joints, load_robot
 from jaxrmp.world import (
     Boxes,
     ObstacleDistances,
@@ -36,7 +35,7 @@ from jaxrmp.world import (
     own_spheres,
 )
 
-GOALS, SEED, WAYS = 50, 0, 64
+GOALS, SEED = 50, 0
 DURATION, DT, EVERY = 10.0, 1e-3, 5  # s, s, steps from one look at distances to the next
 NEAR, TURNED = 0.01, np.deg2rad(5)  # m, rad: what counts as reached
 # m, how far postures are from obstacles, and spheres from each other, at least.
@@ -108,24 +107,6 @@ def postures(rng: np.random.Generator, robot: Robot, count: int) -> np.ndarray:
     return rng.uniform(low + margin, high - margin, (count, robot.num_joints)).astype(np.float32)
 
 
-def rest_of(rng: np.random.Generator, robot: Robot, hands: tuple[str, ...], least: Any) -> np.ndarray:
-    """Of the best conditioned of random postures that are clear, that with the most clear straight ways to others."""
-    q = postures(rng, robot, 4096)
-    J = jax.jit(jax.vmap(lambda q: jax.jacfwd(ControlPoints(robot, hands))(q).reshape(-1, robot.num_joints)))(q)
-    quality = np.linalg.svd(np.asarray(J), compute_uv=False)[:, -1]
-    clear = np.asarray(jax.jit(jax.vmap(least))(q)[1]) > APART
-    if not clear.any():
-        raise RuntimeError("no random posture is clear of the robot itself")
-    q = q[clear]
-    rests, others = q[np.argsort(-quality[clear])[:WAYS]], q[:WAYS]
-    parts = jnp.linspace(0, 1, WAYS // 4)[1:, None]
-
-    def ways(rest):
-        return jax.vmap(lambda other: jax.lax.map(lambda p: least(rest + p * (other - rest))[1], parts).min())(others)
-
-    return rests[np.argmax((np.asarray(jax.lax.map(jax.jit(ways), rests)) > 0).mean(axis=1))]
-
-
 def obstacles(rng: np.random.Generator, robot: Robot, spheres: RobotSpheres, rest: np.ndarray, reach: float) -> World:
     """Two spheres and two boxes, clear of the rest posture and of the robot's first metre above its base."""
     moving = spheres.moving(robot)
@@ -193,7 +174,7 @@ def row(name: str, arm: Arm) -> dict[str, Any]:
     begun = time.process_time()
     pairs = own_self_pairs(robot, spheres)
     found |= {"error_mm": 1e3 * spheres.coverage_error, "pairs": len(pairs), "pairs_s": time.process_time() - begun}
-    rest = rest_of(rng, robot, hands, distances(robot, spheres, pairs, World(spheres=Spheres.of([((9, 9, 9), 0.1)]))))
+    rest = policies.find_rest(robot, hands, spheres, pairs, seed=rng).astype(np.float32)
     q = postures(rng, robot, 20000)
     places = jax.jit(jax.vmap(lambda q: jnp.stack([forward_kinematics(robot, q, hand) for hand in hands])))(q)
     reach = float(np.ptp(np.asarray(places)[:, 0, :3, 3], axis=0).max() / 2)

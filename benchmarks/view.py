@@ -3,9 +3,11 @@ opened in Chromium, its goal dragged, a ball put into the way, and pushed at the
 
 Robots as in `robots`: `make robots`, or JAXRMP_ROBOTS. All that is measured comes from the page: the places of the
 links as it was told them, and what it complained of. Distances are those of the spheres that cover the robot, from
-their poses on the page, in every update. Pictures lie in out/benchmarks/view.
+their poses on the page, in every update, to the ball that is drawn. Goals are such that `find_posture` has a posture
+for them, clear of the arm itself and of the ball. Pictures lie in out/benchmarks/view.
 """
 
+import contextlib
 import os
 import re
 import subprocess
@@ -45,7 +47,7 @@ ROBOTS = {
     "UR10": Arm("ur_description/urdf/ur10_robot.urdf", "tool0"),
     "xArm7": Arm("xarm_description/urdf/xarm7.urdf", "link_eef"),
     "SO-101": Arm("so_arm_description/urdf/so101.urdf", "gripper_frame_link"),
-    "Tiago Dual": Arm("tiago_description/robots/tiago_dual.urdf", "hand_right_grasping_frame", 0.7),
+    "Tiago Dual": Arm("tiago_description/robots/tiago_dual.urdf", "hand_right_grasping_frame", 0.5),
 }
 
 
@@ -61,7 +63,7 @@ class Drive:
     def _watch(self) -> None:
         T = np.stack([self.page.nodes[name] for name in self._frames])
         centers = np.einsum("kij,kj->ki", T[:, :3, :3], self._offsets) + T[:, :3, 3]
-        distances = np.linalg.norm(centers - self.page.nodes["/ball_1"][:3, 3], axis=1) - self._radii - BALL
+        distances = np.linalg.norm(centers - self.page.nodes["/solid_ball_1"][:3, 3], axis=1) - self._radii - BALL
         self.least = min(self.least, float(distances.min()))
 
     def place(self, name: str) -> np.ndarray:
@@ -93,9 +95,11 @@ class Drive:
         steps = max(int(np.linalg.norm(position - start) / (0.05 * speed)), 1)
         poses = np.tile(np.eye(4), (steps, 1, 1))
         poses[:, :3, 3] = start + np.linspace(0, 1, steps + 1)[1:, None] * (position - start)
-        for T in poses:  # this end too has the ball where the page has it
+        for T in poses:
             self._drag("/ball_1", T[:3, 3])
             self.page.page.wait_for_timeout(50)
+        with contextlib.suppress(AssertionError):
+            self.page.wait(lambda: np.linalg.norm(self.place("/solid_ball_1") - position) < 1e-3, "the ball", 20)
 
     def _drag(self, name: str, position: np.ndarray) -> None:
         T = self.page.nodes[name].copy()
@@ -109,6 +113,9 @@ class Drive:
 def row(name: str, arm: Arm) -> dict[str, Any]:
     """One robot, from its command to its end."""
     PICTURES.mkdir(parents=True, exist_ok=True)
+    robot = load_robot(FILES / arm.file)
+    robot = load_robot(FILES / arm.file, fixed=dict.fromkeys(idle_joints(robot)))
+    spheres = reach_content(robot, arm.hand).policy.spheres  # before, not to take the page's time
     with tempfile.TemporaryDirectory() as cold:
         caches = {"JAX_COMPILATION_CACHE_DIR": f"{cold}/compiled", "JAXRMP_CACHE": f"{cold}/covers"}
         said = Path(cold, "said.txt")
@@ -125,8 +132,7 @@ def row(name: str, arm: Arm) -> dict[str, Any]:
             with launch() as browser:
                 page = Page(browser, found[1], SIZE)
                 result["page_s"] = time.monotonic() - begun
-                os.environ["JAXRMP_CACHE"] = caches["JAXRMP_CACHE"]
-                result |= driven(name, page, arm, found[2])
+                result |= driven(name, page, arm, Drive(page, found[2], spheres))
                 result["page_errors"] = len(page.errors)
                 page.close()
             process.send_signal(2)
@@ -141,11 +147,8 @@ def row(name: str, arm: Arm) -> dict[str, Any]:
     return result | {"verdict": "met" if good else "MISSED"}
 
 
-def driven(name: str, page: Page, arm: Arm, hand: str) -> dict[str, Any]:
+def driven(name: str, page: Page, arm: Arm, drive: Drive) -> dict[str, Any]:
     """What becomes of three drags of the goal and two of the ball."""
-    robot = load_robot(FILES / arm.file)
-    robot = load_robot(FILES / arm.file, fixed=dict.fromkeys(idle_joints(robot)))
-    drive = Drive(page, hand, reach_content(robot, hand).policy.spheres)
     page.page.wait_for_timeout(2000)
     page.picture(PICTURES / f"{name}_start.png")
     at = drive.place("/target")

@@ -3,7 +3,10 @@
 import argparse
 from collections.abc import Callable
 
+import numpy as np
+
 from .._errors import ConfigurationError, DemonstrationError
+from ..kinematics import Robot
 from ..learning import prepare
 from ..viewer import Viewer, reach_content, skill_content
 from ._output import tell
@@ -25,6 +28,11 @@ def _viewer(arguments: argparse.Namespace, progress: Callable[[str, float], None
         robot = robot_of(arguments.robot, arguments.fix, arguments.frame, arguments.quiet)
         progress("covering", 0.1)
         content = reach_content(robot, arguments.frame, balls=balls)
+        if isinstance(robot, Robot) and not np.allclose(content.q, robot.middle) and not arguments.quiet:
+            tell(
+                "in the middle of its joints' ranges the arm is stretched out, or touches itself: it starts at a "
+                "posture that was found, from which it gets around."
+            )
         progress("drawing", 0.4)
         return Viewer(content, arguments.port)
     if arguments.frame or arguments.fix:

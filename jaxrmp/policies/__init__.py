@@ -26,3 +26,4 @@ from ._joints import posture as posture
 from ._joints import velocity_limits as velocity_limits
 from ._posture_search import FoundPosture as FoundPosture
 from ._posture_search import find_posture as find_posture
+from ._rest_search import find_rest as find_rest

@@ -13,11 +13,11 @@ from ..kinematics import Robot, frame_poses
 from ..world import ObstacleDistances, RobotSpheres, SelfDistances, World, own_self_pairs
 
 SHARE = 0.02  # of a joint's range, that postures keep from its limits
-_LENGTH = 0.2  # m, that a turn of one radian counts as, against metres
+TURN_LENGTH = 0.2  # m, that a turn of one radian counts as, against metres
 _SEEN = 24  # postures on the straight way from the rest that are looked at
 _OFF = 0.02  # m: obstacles and spheres that are closer are in the way
 _APART = 0.005  # m: of postures that are closer to touching, the less close ones are better
-_CLOSE = 1e-3  # m, and rad times _LENGTH: at the goal
+_CLOSE = 1e-3  # m, and rad times TURN_LENGTH: at the goal
 
 
 class FoundPosture(NamedTuple):
@@ -95,12 +95,12 @@ def _spread(count: int, n: int) -> np.ndarray:
 
 
 def _error(robot, hands, goals, turned, q):
-    """What hands lack to their goals, m, turns as if at an arm of `_LENGTH`: [12 H], or [3 H] if turns are free."""
+    """What hands lack to their goals, m, turns as if at an arm of `TURN_LENGTH`: [12 H], or [3 H] if turns are free."""
     T = frame_poses(robot, q, hands)
     away = (T[:, :3, 3] - goals[:, :3, 3]).ravel()
     if not turned:
         return away
-    return jnp.concatenate([away, _LENGTH / jnp.sqrt(2.0) * (T[:, :3, :3] - goals[:, :3, :3]).ravel()])
+    return jnp.concatenate([away, TURN_LENGTH / jnp.sqrt(2.0) * (T[:, :3, :3] - goals[:, :3, :3]).ravel()])
 
 
 def _errors(robot, hands, goals, q):

@@ -12,6 +12,7 @@ from ..world import RobotSpheres, geometry_of_model
 from ._shapes import Shape, add_shape, seen, shapes_of
 from ._skeleton import skeleton
 
+_STILL = 1e-6  # m, and of a rotation's entries: what has moved by less has not
 _SPHERES = (230, 120, 30)
 _HAND, _LINKS = (90, 100, 112), ((238, 240, 243), (206, 213, 222))
 
@@ -29,6 +30,7 @@ class ArmView:
         self.frames = tuple(name for name in dict.fromkeys(carried) if name in robot.frame_names)
         scene = server.scene
         self._nodes = {name: scene.add_frame(f"/arm/{name}", show_axes=False) for name in self.frames}
+        self._poses = np.full((len(self.frames), 4, 4), np.inf)
         tinted: dict[str, tuple[int, int, int]] = {}
         if robot.fingerprint == panda().fingerprint:  # two light greys in turn, and a dark one for the hand
             links = dict.fromkeys(name for name, _ in shapes)
@@ -40,11 +42,12 @@ class ArmView:
         self._spheres = [_sphere_node(scene, name, spheres) for name in covered]
 
     def move(self, poses: np.ndarray) -> None:
-        """Put the links at `poses` [F, 4, 4] of `frames`."""
-        for name, position, wxyz in zip(
-            self.frames, poses[:, :3, 3], quaternion_of_rotation(poses[:, :3, :3]), strict=True
-        ):
-            self._nodes[name].position, self._nodes[name].wxyz = position, wxyz
+        """Put the links at `poses` [F, 4, 4] of `frames`; the page is told of those that move."""
+        moved = np.abs(poses - self._poses).max(axis=(1, 2)) > _STILL
+        self._poses[moved] = poses[moved]
+        for k, wxyz in zip(np.flatnonzero(moved), quaternion_of_rotation(poses[moved, :3, :3]), strict=True):
+            node = self._nodes[self.frames[k]]
+            node.position, node.wxyz = poses[k, :3, 3], wxyz
 
     def show_spheres(self, visible: bool) -> None:
         """Show the collision spheres, or hide them."""

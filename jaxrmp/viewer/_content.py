@@ -3,18 +3,21 @@
 import warnings
 from dataclasses import replace
 
+import jax.numpy as jnp
 import numpy as np
 
 from .._errors import RobotError, UnsafeFileWarning
 from ..kinematics import Robot, forward_kinematics, hand_frame, load_robot, panda
 from ..learning import PreparedDemonstrations, Skill
-from ..policies import reaching_policy, whole_arm_policy
+from ..policies import ArmPolicy, find_rest, reaching_policy, whole_arm_policy
 from ..scenes import Scene
-from ..world import RobotSpheres, World
+from ..world import RobotSpheres, World, own_spheres
+from ._obstacles import BALL_RADIUS
 from ._session import Content
 
 PANDA_HAND = "panda_hand_tcp"
 READY = np.array([0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785])
+_CLEAR = 0.06  # m, from the arm to a ball at first
 _BALLS = np.array([[0.45, 0.25, 0.45], [0.55, -0.3, 0.35]])
 
 
@@ -22,6 +25,9 @@ def reach_content(
     robot: str | Robot = "panda", frame: str | None = None, *, balls: int = 2, self_collision: bool = True
 ) -> Content:
     """The hand-designed policy on the built-in Panda, or on another robot.
+
+    Another robot starts in the middle of its joints' ranges, or where it is badly placed there, as stretched out or
+    touching itself, in a posture of `policies.find_rest`.
 
     **Arguments**: `robot`, "panda", a file as `load_robot` takes it, or a `Robot`; `frame`, the hand, by default
     `hand_frame`'s; `balls`, how many draggable obstacles there may be; `self_collision`, whether links keep off
@@ -31,7 +37,7 @@ def reach_content(
     built_in = robot == "panda"
     arm = robot if isinstance(robot, Robot) else panda() if built_in else load_robot(robot)
     hand = frame or hand_frame(arm)
-    rest = READY if built_in else arm.middle
+    rest = READY if built_in else _rest_of(arm, hand)
     try:
         policy = reaching_policy(arm, hand, rest, self_collision=self_collision)
     except RobotError as error:  # meshes that are not there: the page draws a skeleton, and says that it avoids nothing
@@ -46,9 +52,29 @@ def reach_content(
         world=World(),
         q=rest,
         hand=hand,
-        balls=(_BALLS if built_in else T[:3, 3] + np.array([[0.0, 0.3, 0.0], [0.0, -0.3, 0.0]]))[:balls],
+        balls=(_BALLS if built_in else _beside(policy, rest, T[:3, 3]))[:balls],
         shown=min(balls, 1),
     )
+
+
+def _rest_of(arm: Robot, hand: str) -> np.ndarray:
+    with warnings.catch_warnings():  # the policy gives them
+        warnings.simplefilter("ignore")
+        try:
+            spheres = own_spheres(arm)
+            return find_rest(arm, hand, spheres, own=arm.middle)
+        except RobotError:
+            return find_rest(arm, hand, own=arm.middle)
+
+
+def _beside(policy: ArmPolicy, rest: np.ndarray, hand: np.ndarray) -> np.ndarray:
+    """Where balls may be, 0.3 m from the hand on either side, then elsewhere: first those clear of the arm, [6, 3]."""
+    places = hand + 0.3 * np.array([[0, 1, 0], [0, -1, 0], [1, 0, 0], [-1, 0, 0], [0, 0, 1], [0, 0, -1]])
+    if policy.spheres is None or not policy.spheres.size:
+        return places
+    at = np.asarray(policy.spheres.points(policy.robot)(jnp.asarray(rest, jnp.float32)))
+    away = np.linalg.norm(places[:, None] - at, axis=2) - np.asarray(policy.spheres.radii)
+    return places[np.argsort(away.min(axis=1) < BALL_RADIUS + _CLEAR, kind="stable")]
 
 
 def skill_content(

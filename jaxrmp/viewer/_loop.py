@@ -57,7 +57,7 @@ class LiveLoop:
         self._motion = Motion.at_rest(q)
         self._reset_to: np.ndarray | None = None
         self._follow: Callable[[float], np.ndarray | None] | None = None
-        self._time, self._watch = 0.0, EnergyWatch()
+        self._time, self._steps, self._watch = 0.0, 0, EnergyWatch()
         self._news = threading.Condition()
         self._frame: Frame | None = None
         self._end = threading.Event()
@@ -90,6 +90,11 @@ class LiveLoop:
         seconds, None once it is over. None ends it at once."""
         self._followed = 0.0
         self._follow = follow
+
+    def passed(self) -> float:
+        """Simulated seconds of the last call; infinite while none pass: in a pause, on a path, before the start."""
+        running = self.playing and not self.replaying and self._frame is not None
+        return self._steps * STEP if running else np.inf
 
     @property
     def replaying(self) -> bool:
@@ -147,7 +152,7 @@ class LiveLoop:
             return
         same = self._frame is not None and self._parts(situation) == self._parts(self._frame.situation)
         watched = self._watch.see(reading, moved or not same, stepped=steps > 0)
-        self._motion, self._time = reading.motion, self._time + steps * STEP
+        self._motion, self._time, self._steps = reading.motion, self._time + steps * STEP, steps
         number = 0 if self._frame is None else self._frame.number + 1
         m = reading.motion
         frame = Frame(number, self._time, m.q, m.qd, reading.poses, situation, rates, watched)

@@ -210,7 +210,7 @@ class Session:
         self.loop.speed = float(self.speed.value)
         policy = self.policy()
         T = pose_of(self.target)
-        world = self.obstacles.read() if self.obstacles else self.content.world
+        world = self.obstacles.read(self.loop.passed()) if self.obstacles else self.content.world
         shares, push = self.switches.read(), self.push.read()
         kept = self._kept
         return Situation(
@@ -254,6 +254,8 @@ class Session:
     def draw(self, frame: Frame) -> None:
         """What `frame` changes on the page."""
         self.arm.move(frame.poses)
+        if self.obstacles:
+            self.obstacles.draw(frame.situation.world)
         hand = self.pose(frame, self.content.hand)[:3, 3]
         self.push.follow(frame.time, hand)
         if self.furniture is not None:

@@ -18,8 +18,8 @@ def without_mostly_touching(robot: Robot, spheres: RobotSpheres, pairs) -> tuple
         return ()
     first, second = np.array(pairs).T
     sums = np.asarray(spheres.radii)[first] + np.asarray(spheres.radii)[second]
-    centers = _centers(robot, spheres, _configurations(robot))
-    touching = np.stack([np.linalg.norm(c[first] - c[second], axis=1) < sums for c in centers])
+    at = centers(robot, spheres, _configurations(robot))
+    touching = np.stack([np.linalg.norm(c[first] - c[second], axis=1) < sums for c in at])
     links: dict[tuple[str, str], list[int]] = {}
     for k, (i, j) in enumerate(pairs):
         links.setdefault((spheres.frames[i], spheres.frames[j]), []).append(k)
@@ -39,7 +39,7 @@ def _configurations(robot: Robot) -> np.ndarray:
     return np.concatenate([(lower + upper)[None] / 2, lower + random * (upper - lower)])
 
 
-def _centers(robot: Robot, spheres: RobotSpheres, q: np.ndarray) -> np.ndarray:
+def centers(robot: Robot, spheres: RobotSpheres, q: np.ndarray) -> np.ndarray:
     """The centres [N, K, 3] in the world in configurations `q` [N, n]."""
     poses, centers = body_poses(robot.model, q), []
     for name, offset in zip(spheres.frames, np.asarray(spheres.offsets), strict=True):

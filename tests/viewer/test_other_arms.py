@@ -86,10 +86,13 @@ def test_the_hand_goes_where_its_goal_is_dragged_and_the_arm_keeps_off_the_ball(
     def distance() -> float:
         T = np.stack([page.nodes[f"/arm/{name}"] for name in spheres.frames])
         at = np.einsum("kij,kj->ki", T[:, :3, :3], np.asarray(spheres.offsets)) + T[:, :3, 3]
-        return float((np.linalg.norm(at - ball[:3, 3], axis=1) - np.asarray(spheres.radii) - 0.06).min())
+        return float(
+            (np.linalg.norm(at - page.nodes["/solid_ball_1"][:3, 3], axis=1) - np.asarray(spheres.radii) - 0.06).min()
+        )
 
     ball[:3, 3] += [0.0, -0.25, 0.0]
     page.drag("/ball_1", ball)
+    page.wait(lambda: np.allclose(page.nodes["/solid_ball_1"][:3, 3], ball[:3, 3], atol=1e-3), "the ball there")
     near = []
     page.on_frame = lambda: near.append(distance())
     for _ in range(20):  # 20 cm towards the hand, slowly

@@ -277,5 +277,20 @@ def test_the_hand_designed_policy_has_balls_to_drag_in_a_world_without_anything_
         world = viewer.obstacles.read()
         assert world.spheres is not None and np.asarray(world.spheres.active).tolist() == [True, False]
         assert world.capsules is None
+        ball, start = viewer.server.scene.get_handle_by_name("/ball_1"), np.asarray(world.spheres.center)[0]
+        ball.position = start + [0.3, 0.0, 0.0]  # as solid things move, not as a mouse jumps, however long a frame took
+        assert 0 < viewer.obstacles.read(0.2).spheres.center[0, 0] - start[0] < 0.01
+        np.testing.assert_allclose(viewer.obstacles.read().spheres.center[0, 0] - start[0], 0.3)  # no time passes
+        viewer.obstacles.draw(viewer.obstacles.read())
+        solid = viewer.server.scene.get_handle_by_name("/solid_ball_1")
+        np.testing.assert_allclose(solid.position, ball.position)
+        poses = np.tile(np.eye(4), (len(viewer.arm.frames), 1, 1))
+        viewer.arm.move(poses)
+        nodes = [viewer.server.scene.get_handle_by_name(f"/arm/{name}") for name in viewer.arm.frames[:2]]
+        for node in nodes:
+            node.position = (9.0, 9.0, 9.0)
+        poses[0, 0, 3] = 0.1
+        viewer.arm.move(poses)  # the page is told of what has moved
+        assert [node.position[0] for node in nodes] == [0.1, 9.0]
     finally:
         viewer.server.stop()
