@@ -180,6 +180,10 @@ def pytest_testnodedown(node, error):
 
 
 def pytest_terminal_summary(terminalreporter, config):
-    for name, found in sorted(config.stash.get(USED, {}).items()):
+    used = config.stash.get(USED, {})
+    for name, found in sorted(used.items()):
         told = f"{name}: {found['seconds'] / 60:.1f} min of CPU time, at most {found['mb']} MB"
         terminalreporter.write_line(told + (f", more than {MOST_MB}" if found["mb"] > MOST_MB else ""))
+    if len(used) > 1:
+        together = sum(found["seconds"] for found in used.values()) / 60
+        terminalreporter.write_line(f"all workers: {together:.1f} min of CPU time")
