@@ -127,7 +127,7 @@ def test_devices_and_processes_find_the_same_as_one(evaluation, tmp_path, proces
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         coordinator = f"127.0.0.1:{probe.getsockname()[1]}"
-    flags = f"--xla_force_host_platform_device_count={devices}"
+    flags = f"{os.environ.get('XLA_FLAGS', '')} --xla_force_host_platform_device_count={devices}"
     cache = jax.config.values["jax_compilation_cache_dir"] or ""
     environment = {**os.environ, "XLA_FLAGS": flags, "JAX_PLATFORMS": "cpu", "JAX_COMPILATION_CACHE_DIR": cache}
     environment["PYTHONPATH"] = str(Path(__file__).parents[2])

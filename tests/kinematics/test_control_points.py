@@ -83,8 +83,12 @@ def test_forms_are_pulled_back_as_through_the_jacobian(case):
 
 
 def test_forms_at_points_that_no_joint_moves_vanish(branching):
-    _, yd, pull = transport(ControlPoints(branching, ("world",)), *jnp.ones((2, branching.num_joints)))
-    form = pull(NaturalForm(jnp.ones((1, 3)), jnp.ones((1, 3, 3))))
+    @jax.jit
+    def pulled(q, qd):
+        _, yd, pull = transport(ControlPoints(branching, ("world",)), q, qd)
+        return yd, pull(NaturalForm(jnp.ones((1, 3)), jnp.ones((1, 3, 3))))
+
+    yd, form = pulled(*np.ones((2, branching.num_joints)))
     assert form.f.shape == (branching.num_joints,) and not form.f.any() and not form.M.any() and not yd.any()
 
 
@@ -121,8 +125,8 @@ def test_agrees_with_pytorch_kinematics(random_configurations):
     theirs = serial.forward_kinematics(torch.tensor(Q[:, order])).get_matrix().numpy()
     J_theirs = serial.jacobian(torch.tensor(Q[:, order]), locations=torch.tensor(offset).expand(50, 3)).numpy()
     with jax.enable_x64(True):
-        poses = jax.vmap(lambda q: forward_kinematics(robot, q, frame))(Q)
-        carried = jax.vmap(ControlPoints(robot, frame, offset[None]).pushforward)(Q, np.zeros_like(Q))
+        poses = jax.jit(jax.vmap(lambda q: forward_kinematics(robot, q, frame)))(Q)
+        carried = jax.jit(jax.vmap(ControlPoints(robot, frame, offset[None]).pushforward))(Q, np.zeros_like(Q))
     # It reads angles in single precision, so no closer than this.
     np.testing.assert_allclose(poses, theirs, rtol=0, atol=1e-6)
     np.testing.assert_allclose(carried.J[:, 0][:, :, order], J_theirs[:, :3], rtol=0, atol=1e-6)
@@ -156,9 +160,10 @@ def test_offsets_are_parameters():
             return ControlPoints(panda(), ("panda_hand", "panda_link4"), offsets)(q)
 
         batch = jax.jit(jax.vmap(y))(offsets)
-        np.testing.assert_allclose(batch, [y(o) for o in offsets], atol=1e-14)
+        one = jax.jit(y)
+        np.testing.assert_allclose(batch, [one(o) for o in offsets], atol=1e-14)
         points = ControlPoints(panda(), ("panda_hand", "panda_link4"), offsets[0])
-        gradient = jax.grad(lambda points: points(q)[0, 2])(points)
+        gradient = jax.jit(jax.grad(lambda points: points(q)[0, 2]))(points)
         R = forward_kinematics(panda(), q, "panda_hand")[:3, :3]
         np.testing.assert_allclose(gradient.offsets, [R[2], np.zeros(3)], atol=1e-14)
 
@@ -186,8 +191,9 @@ def test_a_planar_arm_whose_points_never_leave_their_plane():
     with jax.enable_x64(True):
         q, qd = jnp.array([0.3, -0.8]), jnp.array([1.0, 0.5])
         form = NaturalForm(jnp.arange(6.0).reshape(2, 3), jnp.stack([jnp.eye(3), jnp.diag(jnp.arange(1.0, 4.0))]))
-        at = pushforward_by_autodiff(points, q, qd)
-        pulled = transport(points, q, qd).pull(form)
+        at, pulled = jax.jit(
+            lambda q, qd: (pushforward_by_autodiff(points, q, qd), transport(points, q, qd).pull(form))
+        )(q, qd)
         f = jnp.einsum("kin,ki->n", at.J, form.f - jnp.einsum("kij,kj->ki", form.M, at.c))
         np.testing.assert_allclose(pulled.f, f, atol=1e-12)
         np.testing.assert_allclose(pulled.M, jnp.einsum("kin,kij,kjm->nm", at.J, form.M, at.J), atol=1e-12)
@@ -223,14 +229,15 @@ def test_a_position_is_one_control_point_as_a_vector():
     @jax.jit
     def look(q, qd):
         policies = (pullback(one, leaf), pullback(points, Batched(leaf, shared=True)))
-        return one.pushforward(q, qd), points.pushforward(q, qd), [policy.measure(q, qd) for policy in policies]
+        measured = [policy.measure(q, qd) for policy in policies]
+        return one(q), one.pushforward(q, qd), points.pushforward(q, qd), measured
 
-    carried, expected, (ours, theirs) = look(q, qd)
-    np.testing.assert_allclose(one(q), expected.y[0], rtol=1e-6)
+    position, carried, expected, (ours, theirs) = look(q, qd)
+    np.testing.assert_allclose(position, expected.y[0], rtol=1e-6)
     for a, b in zip(carried, expected, strict=True):
         np.testing.assert_allclose(a, b[0], rtol=1e-6)
     jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-4, atol=1e-5), ours, theirs)
-    assert Position(robot, "panda_hand")(q).shape == (3,)
+    assert jax.eval_shape(Position(robot, "panda_hand"), q).shape == (3,)
     with pytest.raises(UnknownNameError, match="hnd"):
         Position(robot, "hnd")
     with pytest.raises(ShapeError, match=r"shape \(2, 3\), expected \(3,\)"):

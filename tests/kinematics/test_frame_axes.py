@@ -44,7 +44,7 @@ def assert_carried_by_autodiff(task_maps, reference, expected, Q, QD):
     with jax.enable_x64(True):
         ours, theirs = carried(Q, QD)
     for (found, value), of, task_map in zip(ours, expected, task_maps, strict=True):
-        parts = [jax.vmap(of)(part) for part in theirs]
+        parts = jax.jit(lambda theirs, of=of: [jax.vmap(of)(part) for part in theirs])(theirs)
         np.testing.assert_allclose(value, parts[0], atol=1e-13)
         for name, a, b in zip(found._fields, found, parts, strict=True):
             assert a.shape == b.shape and a.dtype == np.float64, name
@@ -88,7 +88,8 @@ def test_points_fixed_to_a_frame_do_not_move_in_it():
     offsets = np.random.default_rng(0).normal(size=(4, 3))
     with jax.enable_x64(True):
         q, qd = jnp.asarray(np.random.default_rng(1).normal(size=(2, 7)))
-        carried = PointsInFrame(robot, "panda_hand", ControlPoints(robot, "panda_hand", offsets)).pushforward(q, qd)
+        within = PointsInFrame(robot, "panda_hand", ControlPoints(robot, "panda_hand", offsets))
+        carried = jax.jit(within.pushforward)(q, qd)
     np.testing.assert_allclose(carried.y, offsets, atol=1e-13)
     for part in carried[1:]:
         np.testing.assert_allclose(part, 0, atol=1e-12)
@@ -99,8 +100,9 @@ def test_axes_are_velocities_of_a_rotation(oracle):
     robot, frame = oracle.robot, FRAMES[oracle.robot.name][0]
     q, qd = np.random.default_rng(4).uniform(0.1, 0.5, (2, robot.num_joints))
     with jax.enable_x64(True):
-        axes = FrameAxes(robot, frame).pushforward(jnp.asarray(q), jnp.asarray(qd))
-        J = np.asarray(FrameRotation(robot, frame).pushforward(jnp.asarray(q), jnp.asarray(qd)).J)
+        maps = FrameAxes(robot, frame), FrameRotation(robot, frame)
+        axes, turned = jax.jit(lambda q, qd: [task_map.pushforward(q, qd) for task_map in maps])(q, qd)
+    axes, J = jax.tree.map(np.asarray, axes), np.asarray(turned.J)
     omega = np.cross(axes.y, axes.yd).sum(axis=0) / 2
     np.testing.assert_allclose(np.cross(omega, axes.y), axes.yd, atol=1e-12)
     J_omega = np.cross(axes.y[:, :, None], axes.J, axis=1).sum(axis=0) / 2
@@ -113,8 +115,8 @@ def test_gradients_reach_through_and_one_axis_may_be_named_alone():
         q, v = jnp.asarray(np.random.default_rng(5).normal(size=(2, 7)))
         push = jax.jit(lambda q: sum(jnp.sum(jnp.sin(x)) for x in FrameAxes(robot, "panda_hand", 2).pushforward(q, v)))
         slope = (push(q + 1e-6 * v) - push(q - 1e-6 * v)) / 2e-6
-        np.testing.assert_allclose(jax.grad(push)(q) @ v, slope, rtol=1e-6)
-    assert FrameAxes(robot, "panda_hand", 2)(q.astype("float32")).shape == (1, 3)
+        np.testing.assert_allclose(jax.jit(jax.grad(push))(q) @ v, slope, rtol=1e-6)
+    assert jax.eval_shape(FrameAxes(robot, "panda_hand", 2), q.astype("float32")).shape == (1, 3)
 
 
 def test_mistakes_are_named():

@@ -1,6 +1,7 @@
 """The laws that every certified leaf obeys, for the tests of each."""
 
 import dataclasses
+import functools
 
 import jax
 import jax.numpy as jnp
@@ -44,26 +45,29 @@ def _numbers(tree):
     return jax.tree.map(lambda p: jnp.asarray(p, float), tree)
 
 
+def _total(leaf, x, xd):
+    form = leaf(x, xd)
+    return jnp.sum(form.f) + jnp.sum(form.M) + leaf.energy(x, xd) + leaf.dissipation(x, xd)
+
+
+@jax.jit
+@functools.partial(jax.vmap, in_axes=(None, 0, 0))
+def _everything(leaf, x, xd):
+    """Value, slopes in leaf and state, and a jvp of a jvp."""
+    at = leaf, x, xd
+    step = jax.tree.map(jnp.ones_like, at)
+    twice = jax.jvp(lambda *at: jax.jvp(_total, at, step)[1], at, step)[1]
+    return _total(*at), jax.grad(_total, argnums=(0, 1, 2))(*at), twice
+
+
 @pytest.fixture
 def assert_smooth():
     """jit and vmap agree with the plain call; slopes in state and parameters, and a jvp of a jvp, are finite."""
 
     def check(leaf, x, xd):
         leaf = _numbers(leaf)
-
-        def total(leaf, x, xd):
-            form = leaf(x, xd)
-            return jnp.sum(form.f) + jnp.sum(form.M) + leaf.energy(x, xd) + leaf.dissipation(x, xd)
-
-        def twice(leaf, x, xd):
-            step = jax.tree.map(jnp.ones_like, (leaf, x, xd))
-            return jax.jvp(lambda *at: jax.jvp(total, at, step)[1], (leaf, x, xd), step)[1]
-
-        def everything(leaf, x, xd):
-            return total(leaf, x, xd), jax.grad(total, argnums=(0, 1, 2))(leaf, x, xd), twice(leaf, x, xd)
-
-        values, slopes, second = jax.jit(jax.vmap(everything, in_axes=(None, 0, 0)))(leaf, x, xd)
-        np.testing.assert_allclose(values[0], total(leaf, x[0], xd[0]), rtol=1e-12)
+        values, slopes, second = _everything(leaf, x, xd)
+        np.testing.assert_allclose(values[0], _total(leaf, x[0], xd[0]), rtol=1e-12)
         for part in jax.tree.leaves((values, slopes, second)):
             assert np.isfinite(part).all()
 
@@ -76,9 +80,8 @@ def assert_single():
 
     def check(leaf, x, xd):
         leaf, x, xd = _numbers(leaf), jnp.asarray(x, jnp.float32), jnp.asarray(xd, jnp.float32)
-        form = leaf(x, xd)
-        values = (form.f, form.M, leaf.energy(x, xd), leaf.dissipation(x, xd))
-        assert {value.dtype.name for value in values} == {"float32"}
+        values = jax.eval_shape(lambda: (leaf(x, xd), leaf.energy(x, xd), leaf.dissipation(x, xd)))
+        assert {value.dtype.name for value in jax.tree.leaves(values)} == {"float32"}
 
     return check
 

@@ -58,10 +58,10 @@ def gains_of(leaf):
 
 
 def test_force_at_rest_and_metric_are_the_published_ones(leaf, states):
-    gains, zero = gains_of(leaf), jnp.zeros(3)
+    gains, at_rest = gains_of(leaf), jax.jit(lambda x: leaf(x, jnp.zeros(3)))
     for x in states[0][:50]:
         z, G = x - GOAL, published_metric(leaf, x, gains)
-        form = leaf(jnp.asarray(x), zero)
+        form = at_rest(x)
         r = np.linalg.norm(z)
         np.testing.assert_allclose(form.M, G, rtol=1e-12, atol=1e-13)
         np.testing.assert_allclose(form.f, -gains["gain"] * G @ z / r * np.tanh(gains["sharpness"] * r), rtol=1e-11)
@@ -83,7 +83,7 @@ def test_the_stretched_pull_is_a_gradient_because_it_points_at_the_goal(states):
         def skewed(x):  # the same metric with a pull elsewhere: no gradient, so the test can tell
             return leaf.metric(x, x) @ (x - GOAL - 0.5)
 
-        slopes = jax.vmap(jax.jacfwd(skewed))(states[0])
+        slopes = jax.jit(jax.vmap(jax.jacfwd(skewed)))(states[0])
         assert np.abs(slopes - np.swapaxes(slopes, 1, 2)).max() > 0.1
         assert uncertified_leaves(leaf) == ()
 
@@ -123,19 +123,18 @@ def test_smooth_at_the_goal_and_at_rest(leaf, assert_smooth, assert_single):
 def test_the_goal_is_an_isotropic_spring(leaf):
     gains = gains_of(leaf)
     stiffness = gains["gain"] * gains["sharpness"] * gains["weight_near"] * (1 + gains.get("isotropy", 0))
-    np.testing.assert_allclose(
-        jax.jacfwd(jax.grad(leaf.potential))(jnp.asarray(GOAL)), stiffness * np.eye(3), rtol=1e-13
-    )
-    np.testing.assert_allclose(jax.hessian(leaf.potential)(jnp.asarray(GOAL)), stiffness * np.eye(3), rtol=1e-13)
-    np.testing.assert_allclose(jax.jacfwd(jax.hessian(leaf.potential))(jnp.asarray(GOAL)), 0, atol=1e-10)
+    hessian = jax.hessian(leaf.potential)
+    second, third = jax.jit(lambda x: (hessian(x), jax.jacfwd(hessian)(x)))(GOAL)
+    np.testing.assert_allclose(second, stiffness * np.eye(3), rtol=1e-13)
+    np.testing.assert_allclose(third, 0, atol=1e-10)
 
 
 def test_gradients_of_force_and_energy_in_the_gains_are_right(leaf, states):
     x, h = jnp.asarray(states[0][0]), 1e-6
     for of in (lambda leaf: leaf.potential(x), lambda leaf: leaf(x, x).f[1]):
-        slopes = jax.grad(of)(leaf)
+        slopes, value = jax.jit(jax.grad(of))(leaf), jax.jit(of)
         for name in gains_of(leaf):
-            up, down = (of(type(leaf)(GOAL, **(gains_of(leaf) | {name: gains_of(leaf)[name] + d}))) for d in (h, -h))
+            up, down = (value(type(leaf)(GOAL, **(gains_of(leaf) | {name: gains_of(leaf)[name] + d}))) for d in (h, -h))
             np.testing.assert_allclose(getattr(slopes, name), (up - down) / (2 * h), rtol=1e-6, atol=1e-8, err_msg=name)
 
 

@@ -129,7 +129,7 @@ def test_a_leaf_is_its_formula(case):
     leaf, formula, x, xd = case
     with jax.enable_x64(True):
         x, xd = np.asarray(x, float), np.asarray(xd, float)
-        form = leaf(jnp.array(x), jnp.array(xd))
+        form = jax.jit(leaf)(x, xd)
         f, M = formula(x, xd)
         np.testing.assert_allclose(form.f, f, rtol=1e-10, atol=1e-12)
         np.testing.assert_allclose(form.M, M, rtol=1e-9, atol=1e-12)
@@ -156,7 +156,8 @@ def test_derivatives_are_finite_at_the_edges_of_a_leaf(case):
         form = leaf(x, xd)
         return jnp.concatenate([form.f, form.M.reshape(-1)])
 
-    to_gains, *to_state = jax.jacrev(both, argnums=(0, 1, 2))(jax.tree.map(jnp.asarray, leaf), x, xd)
+    slopes = jax.jit(jax.jacrev(both, argnums=(0, 1, 2)))
+    to_gains, *to_state = slopes(jax.tree.map(jnp.asarray, leaf), x, xd)
     if not isinstance(leaf, JointLimit):  # an infinite limit has no derivative worth having
         assert all(np.isfinite(g).all() for g in jax.tree.leaves(to_gains))
     assert all(np.isfinite(slope).all() for slope in to_state)

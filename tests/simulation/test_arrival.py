@@ -122,7 +122,7 @@ def test_goals_are_the_inspectors_gaps_of_the_leaves_that_have_one():
         + CSpaceTarget(jnp.ones(6))
     )
     q = jnp.asarray(np.random.default_rng(0).uniform(-0.3, 0.3, 6))
-    left, everything = goals(tree, q), inspect(tree, q, jnp.zeros(6))
+    left, everything = jax.jit(lambda q: (goals(tree, q), inspect(tree, q, jnp.zeros(6))))(q)
     assert left.names == (
         *("attractor[0]", "attractor[1]", "formation[0]", "formation[1]"),
         *("orientation_attractor", "axis_target", "position_target"),

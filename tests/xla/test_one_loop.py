@@ -16,6 +16,7 @@ RNG = np.random.default_rng(0)
 
 
 def by_states(function, *arguments):
+    function = jax.jit(function)
     return jax.tree.map(lambda *parts: np.stack(parts), *(function(*state) for state in zip(*arguments, strict=True)))
 
 
@@ -124,13 +125,16 @@ def test_slopes_in_both_modes(x64):
 
     x, xd = RNG.normal(size=(2, STATES, 3))
     loop, plain = jax.vmap(one_loop(function)), jax.vmap(function)
-    assert_same(jax.jit(lambda x, xd: jax.jvp(loop, (x,), (xd,)))(x, xd), jax.jvp(plain, (x,), (xd,)))
+    assert_same(
+        jax.jit(lambda x, xd: jax.jvp(loop, (x,), (xd,)))(x, xd),
+        jax.jit(lambda x, xd: jax.jvp(plain, (x,), (xd,)))(x, xd),
+    )
 
     def total(mapped):
         return lambda x: sum(jnp.sum(part**2) for part in mapped(x))
 
-    assert_same(jax.jit(jax.grad(total(loop)))(x), jax.grad(total(plain))(x))
-    assert_same(jax.jit(jax.hessian(total(loop)))(x[:2]), jax.hessian(total(plain))(x[:2]))
+    assert_same(jax.jit(jax.grad(total(loop)))(x), jax.jit(jax.grad(total(plain)))(x))
+    assert_same(jax.jit(jax.hessian(total(loop)))(x[:2]), jax.jit(jax.hessian(total(plain)))(x[:2]))
 
 
 def test_what_is_not_finite_stays_in_its_state():

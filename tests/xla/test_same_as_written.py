@@ -48,8 +48,7 @@ WHAT = pytest.mark.parametrize("of", [values, slopes, lanes])
 
 def both(function, *states, in_axes=0):
     """What a batch gives by the machinery, and as written."""
-    options = {"xla_backend_optimization_level": 0, "xla_disable_hlo_passes": "fusion"}  # half the time and memory
-    many = jax.jit(jax.vmap(function, in_axes), compiler_options=options)
+    many = jax.jit(jax.vmap(function, in_axes))
     with machinery(False):
         expected = many(*states)
     return many(*states), expected
@@ -150,7 +149,7 @@ def test_a_skill(of, x64):
     assert_same(*both(partial(of, policy), np.eye(4), *arm_states(MANY), in_axes=(None, 0, 0)), 1e-5)
 
 
-@WHAT
+@pytest.mark.parametrize("of", [values, slopes])  # its projection is a loop, which is not written in C
 def test_lula(of, x64):
     folder = Path(os.environ.get("JAXRMP_DATA") or os.devnull) / "lula"
     if not folder.is_dir():
