@@ -59,14 +59,18 @@ class HandFlow:
     turned: bool = static()
 
     def task_map(self, robot: Robot, frames: tuple[str, ...], T: jax.Array, targets: jax.Array | None) -> TaskMap:
-        """From joint positions [n] to the stacked points, the target at zero; `targets` [P, 3] instead of its own."""
+        """From joint positions [n] of `robot` to the stacked points, the target at zero.
+
+        **Arguments**: `frames`, the skill's; `T` [4, 4], where the object is; `targets` [P, 3] instead of its own.
+        """
         frames = frames[:1] * len(self.offsets) if self.turned else frames
         points = ControlPoints(robot, frames, self.offsets)
         origin = self.targets if targets is None else targets
         return Stacked(compose(points, RigidTransform(T), Translation(origin)))
 
     def leaf(self, robot: Robot, frames: tuple[str, ...], T: jax.Array, targets: jax.Array | None = None) -> Node:
-        """The learned policy as a node on joint space, the object at `T` [4, 4]."""
+        """The learned policy as a node on the joint space of `robot`, the object at `T` [4, 4]; the rest, `frames` and
+        `targets`, as in `task_map`."""
         return pullback(compose(self.task_map(robot, frames, T, targets), self.flow), self.attractor)
 
     def on_joints(self, robot: Robot, joints: tuple[int, ...], T_before: jax.Array, T: jax.Array) -> Node:

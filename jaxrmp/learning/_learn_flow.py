@@ -34,6 +34,8 @@ def learn_flow(
 ) -> FlowLearning:
     """One flow of the whole hand from `prepared` demonstrations, and a funnel along the ways that it leads.
 
+    **Arguments**: `configuration`, whose section `flow` counts; its `robot`; `prepared`, by `prepare`; `progress`,
+    called with the name of the step and the fraction of it that is done. **Returns** a `FlowLearning`.
     **Raises** `TrainingError` as `train_flow`.
     """
     settings = configuration.flow

@@ -34,6 +34,8 @@ def learn_paper(configuration: Configuration, subtasks: SubtaskTrajectories, pro
     from a convex program, its kernel width chosen with the basin checked; then for all of them at once the metrics
     that warp the potentials' gradients until they reproduce every demonstration.
 
+    **Arguments**: `configuration`, whose sections `potential` and `metric` count; `subtasks`, by `prepare`; `progress`,
+    called with the name of a step and the fraction of it that is done. **Returns** a `PaperLearning`.
     **Raises** `ConvexProgramError`, `BasinError`, `TrainingError`, as its steps do.
 
     Rana et al. 2019, section 3.

@@ -24,8 +24,9 @@ class CruisingAttractor(GeometricDynamicalSystem):
     **Raises** `ConfigurationError` for a taper that is not positive, or another negative parameter.
 
     >>> leaf = CruisingAttractor(goal=jnp.zeros(2), speed=0.5, damping_rate=10.0)
-    >>> leaf(jnp.array([3.0, 4.0]), jnp.array([-0.3, -0.4])).f.tolist()  # at cruise speed nothing is left to do
-    [0.0, 0.0]
+    >>> f = leaf(jnp.array([3.0, 4.0]), jnp.array([-0.3, -0.4])).f  # at cruise speed nothing is left to do
+    >>> bool(jnp.abs(f).max() < 1e-5)
+    True
 
     Rana et al., Euclideanizing Flows (2020), section 3, the latent dynamics; here of second order.
     """
