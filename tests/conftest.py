@@ -28,7 +28,7 @@ if not DISPLAY and ctypes.util.find_library("OSMesa"):
 
 CONFIGS = Path(__file__).parents[1] / "configs"
 MOST_MB = 2500  # that a worker may ever hold
-FULL_MB = 1100  # above this, compiled programs are let go before their file ends
+FULL_MB = 900  # above this, compiled programs are let go before their file ends
 LESS = {"method": "paper", "metric.updates": 100, "potential.widths": [0.05], "potential.basin_starts": 100}
 FEW = [word for name, value in LESS.items() for word in (f"--{name}", str(value))]
 
