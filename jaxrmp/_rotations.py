@@ -48,16 +48,6 @@ def rotation_of_vector(turn: Any) -> Any:
     return eye + first * K + second * (v[..., None] * v[..., None, :] - square * eye)
 
 
-def vector_of_rotation(R: Any) -> Any:
-    """The rotation vectors [..., 3], rad, of rotation matrices [..., 3, 3]: the shorter way, up to half a turn."""
-    xp, q = _module_and_array(quaternion_of_rotation(R))
-    q = xp.where(q[..., :1] < 0, -q, q)
-    square = xp.sum(q[..., 1:] ** 2, axis=-1, keepdims=True)
-    small = square < 1e-12  # where the quotient has no derivative, and its limit is right to rounding
-    sine = xp.sqrt(xp.where(small, 1, square))
-    return q[..., 1:] * xp.where(small, 2, 2 * xp.arctan2(sine, q[..., :1]) / sine)
-
-
 def nearest_rotation(A: np.ndarray) -> np.ndarray:
     """The rotation matrix nearest to A [3, 3] in least squares."""
     U, _, Vt = np.linalg.svd(A)

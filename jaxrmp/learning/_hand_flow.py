@@ -10,15 +10,15 @@ import numpy as np
 
 from .._linalg import cholesky_solve, einsum, matmul
 from .._pytree import pytree, single, static
-from .._rotations import vector_of_rotation
 from .._task_map import Pushforward, RigidTransform, TaskMap, Translation, compose, pushforward
 from .._tree import Node, Sum, on_coordinates, pullback
-from ..kinematics import ControlPoints, Robot, forward_kinematics, geometric_jacobian
+from ..kinematics import ControlPoints, Robot
 from ..leaves import CruisingAttractor, Funnel
 from ._configuration import FlowSettings, PolicySettings
 from ._flow import Flow
 
 _DAMPING = 0.02  # of inverse kinematics, m (and rad), so that near a singularity joints stay where they are
+_PACE = 5.0  # rad/m: how fast the funnel moves joints, by the hand's speed
 _MARGIN = 0.05  # rad or m that moved postures keep from limits
 
 
@@ -30,11 +30,11 @@ class Stacked(TaskMap):
 
     def __call__(self, x):
         y = self.points(x)
-        return y.reshape(-1) / np.sqrt(len(y))
+        return y.reshape(-1) * len(y) ** -0.5
 
     def pushforward(self, x, xd):
         y, yd, J, c = pushforward(self.points, x, xd)
-        k = 1 / np.sqrt(len(y))
+        k = len(y) ** -0.5
         return Pushforward(k * y.reshape(-1), k * yd.reshape(-1), k * J.reshape(-1, J.shape[-1]), k * c.reshape(-1))
 
 
@@ -44,8 +44,9 @@ class HandFlow:
 
     `offsets` [P, 3], m, points in the first of the skill's frames that stand for the hand, and `targets` [P, 3] where
     they go, in the object's frame, m; if `turned`, a triangle, which says how the hand is turned, else the skill's
-    control points. `hands` [S + 1, 3], m, where the hand is in the postures of the funnel, and last at the joints' end;
-    `moves` [S + 1, n, 6], how joints follow a small motion of it: both for an object at the skill's `T_world_object`.
+    control points. `hands` [S + 1, P, 3], m, where these points are in the world, in the postures of the funnel and
+    last at the joints' end; `moves` [S + 1, n, 3 P], how joints follow a small motion of them: both for an object at
+    the skill's `T_world_object`.
     """
 
     flow: Flow
@@ -64,9 +65,7 @@ class HandFlow:
         **Arguments**: `frames`, the skill's; `T` [4, 4], where the object is; `targets` [P, 3] instead of its own.
         """
         frames = frames[:1] * len(self.offsets) if self.turned else frames
-        points = ControlPoints(robot, frames, self.offsets)
-        origin = self.targets if targets is None else targets
-        return Stacked(compose(points, RigidTransform(T), Translation(origin)))
+        return stacked_points(robot, frames, self.offsets, T, self.targets if targets is None else targets)
 
     def leaf(self, robot: Robot, frames: tuple[str, ...], T: jax.Array, targets: jax.Array | None = None) -> Node:
         """The learned policy as a node on the joint space of `robot`, the object at `T` [4, 4]; the rest, `frames` and
@@ -76,21 +75,15 @@ class HandFlow:
     def on_joints(self, robot: Robot, joints: tuple[int, ...], T_before: jax.Array, T: jax.Array) -> Node:
         """Funnel and posture of the arm, the coordinates `joints` of `robot`, for an object that moved from `T_before`
         to `T` [4, 4]: to first order."""
-        postures = [] if self.funnel is None else [jnp.asarray(self.funnel.postures)]
-        postures += [] if self.posture is None else [jnp.asarray(self.posture.postures)]
-        if not postures:
-            return Sum(())
-        q = jnp.concatenate(postures)
-        moved = _followed(q, self.hands[-len(q) :], self.moves[-len(q) :], T_before, T)
         lower, upper = (limit[np.array(joints)] for limit in (robot.lower, robot.upper))
         margin = _MARGIN * (upper - lower > 4 * _MARGIN)
-        moved = jnp.clip(moved, jnp.asarray(lower + margin, q.dtype), jnp.asarray(upper - margin, q.dtype))
-        node: Node = Sum(())
-        if self.funnel is not None:
-            node = node + replace(self.funnel, postures=moved[: len(self.funnel.postures)])
-        if self.posture is not None:
-            node = node + replace(self.posture, postures=moved[-1:])
-        return on_coordinates(joints, robot.num_joints, node)
+        nodes: list[Node] = []
+        for leaf, rows in ((self.funnel, slice(0, -1)), (self.posture, slice(-1, None))):
+            if leaf is not None:
+                q = _followed(jnp.asarray(leaf.postures), self.hands[rows], self.moves[rows], T_before, T)
+                q = jnp.clip(q, jnp.asarray(lower + margin, q.dtype), jnp.asarray(upper - margin, q.dtype))
+                nodes.append(replace(leaf, postures=q))
+        return on_coordinates(joints, robot.num_joints, Sum(tuple(nodes))) if nodes else Sum(())
 
     def targets_at(self, offsets: jax.Array, targets: jax.Array) -> jax.Array:
         """Where its points go if the control points at `offsets` go to `targets`, both [K, 3], as one rigid hand."""
@@ -103,9 +96,16 @@ class HandFlow:
         return matmul(self.offsets - a.mean(0), R.T) + b.mean(0)
 
     def with_gains(self, speed: float, damping_rate: float) -> "HandFlow":
-        """The same at another cruise `speed`, m/s, and `damping_rate`, 1/s."""
-        gains = {"speed": jnp.asarray(speed, jnp.float32), "damping_rate": jnp.asarray(damping_rate, jnp.float32)}
-        return replace(self, attractor=replace(self.attractor, **gains))
+        """The same at another cruise `speed`, m/s, and `damping_rate`, 1/s, of the joints' leaves in proportion."""
+        hand = {"speed": jnp.asarray(speed, jnp.float32), "damping_rate": jnp.asarray(damping_rate, jnp.float32)}
+        joints = hand | {"speed": _PACE * hand["speed"]}
+        funnel, posture = (leaf and replace(leaf, **joints) for leaf in (self.funnel, self.posture))
+        return replace(self, attractor=replace(self.attractor, **hand), funnel=funnel, posture=posture)
+
+
+def stacked_points(robot: Robot, frames: tuple[str, ...], offsets, T, targets) -> Stacked:
+    """From joint positions to points at `offsets` [P, 3] in `frames`, less their `targets`, seen from `T`, stacked."""
+    return Stacked(compose(ControlPoints(robot, frames, offsets), RigidTransform(T), Translation(targets)))
 
 
 def hand_points(frames: tuple[str, ...], offsets: np.ndarray, circumradius: float) -> tuple[np.ndarray, bool]:
@@ -124,7 +124,7 @@ def hand_points(frames: tuple[str, ...], offsets: np.ndarray, circumradius: floa
 
 def hand_flow(
     robot: Robot,
-    frame: str,
+    frames: tuple[str, ...],
     flow: Flow,
     points: tuple[np.ndarray, bool],
     targets: np.ndarray,
@@ -135,15 +135,17 @@ def hand_flow(
 ) -> HandFlow:
     """A `HandFlow` of a trained `flow`, in single precision.
 
-    **Arguments**: `frame`, the hand's; `points`, by `hand_points`; their `targets` [P, 3]; `postures` [S, n] along the
-    ways that it leads, and `end` [n], where they end, rad or m.
+    **Arguments**: `frames`, of the points; `points`, by `hand_points`; their `targets` [P, 3]; `postures` [S, n] along
+    the ways that it leads, and `end` [n], where they end, rad or m.
     """
     offsets, turned = points
     at = np.concatenate([postures, end[None]])
-    hands, moves = _hands(robot, at, frame, tuple(offsets.mean(0).tolist()))
+    hands, moves = _hands(ControlPoints(robot, frames, offsets), at)
     gains = {"speed": policy.speed, "damping_rate": policy.damping_rate, "weight": settings.weight}
-    funnel = Funnel(postures, settings.funnel, inner=settings.inner, outer=settings.outer) if settings.funnel else None
-    posture = Funnel(end[None], 0.0, settings.posture, name="posture") if settings.posture else None
+    joints = {"speed": _PACE * policy.speed, "damping_rate": policy.damping_rate}
+    radii = {"inner": settings.inner, "outer": settings.outer}
+    funnel = Funnel(postures, settings.funnel, **radii, **joints) if settings.funnel else None
+    posture = Funnel(end[None], 0.0, settings.posture, **joints, name="posture") if settings.posture else None
     attractor = CruisingAttractor(np.zeros(offsets.size), **gains, name="learned")
     return single(HandFlow(flow, attractor, funnel, posture, offsets, targets, hands, moves, turned))
 
@@ -172,22 +174,14 @@ def _inverse(robot: Robot, task_map: TaskMap, y: jax.Array, q: jax.Array) -> jax
     return jax.lax.scan(step, q, length=10)[0]
 
 
-@partial(jax.jit, static_argnums=(2, 3))
-@partial(jax.vmap, in_axes=(None, 0, None, None))
-def _hand_and_jacobian(robot: Robot, q: jax.Array, frame: str, offset: tuple[float, ...]):
-    T, J = forward_kinematics(robot, q, frame), geometric_jacobian(robot, q, frame)
-    arm = matmul(T[:3, :3], jnp.asarray(offset, q.dtype))
-    return T[:3, 3] + arm, J.at[:3].add(-jnp.cross(arm, J[3:], axisb=0, axisc=0))
-
-
-def _hands(robot: Robot, q: np.ndarray, frame: str, offset: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:
-    """Where the hand is, and the damped inverses [S, n, 6] of its Jacobian, a turn of 1 rad worth 0.1 m."""
+def _hands(points: ControlPoints, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Where `points` are [S, P, 3] at `q` [S, n], and damped inverses [S, n, 3 P] of their Jacobians."""
     with jax.enable_x64(True):
-        hands, J = (np.asarray(a) for a in _hand_and_jacobian(robot, jnp.asarray(q, float), frame, offset))
-    scale = np.array([1.0, 1.0, 1.0, 0.1, 0.1, 0.1])
-    J = scale[:, None] * J
-    A = J @ np.swapaxes(J, 1, 2) + _DAMPING**2 * np.eye(6)
-    return hands, np.swapaxes(J, 1, 2) @ np.linalg.inv(A) * scale
+        carried = jax.jit(jax.vmap(lambda q: points.pushforward(q, jnp.zeros_like(q))))(jnp.asarray(q, float))
+        hands, J = np.asarray(carried.y), np.asarray(carried.J)
+    J = J.reshape(len(q), -1, q.shape[1])
+    A = J @ np.swapaxes(J, 1, 2) + _DAMPING**2 * np.eye(J.shape[1])
+    return hands, np.swapaxes(J, 1, 2) @ np.linalg.inv(A)
 
 
 def _followed(q, hands, moves, T_before, T):
@@ -195,5 +189,4 @@ def _followed(q, hands, moves, T_before, T):
     T_before, T = jnp.asarray(T_before, q.dtype), jnp.asarray(T, q.dtype)
     R = matmul(T[:3, :3], T_before[:3, :3].T)
     gone = matmul(hands - T_before[:3, 3], R.T) + T[:3, 3] - hands
-    turn = jnp.broadcast_to(vector_of_rotation(R), gone.shape)
-    return q + einsum("sij,sj->si", moves, jnp.concatenate([gone, turn], axis=1))
+    return q + einsum("sij,sj->si", moves, gone.reshape(len(q), -1))

@@ -76,7 +76,8 @@ def learn(
 
     def lap(name: str) -> None:
         nonlocal clock
-        seconds[name], clock = time.perf_counter() - clock, time.perf_counter()
+        now = time.perf_counter()
+        seconds[name], clock = seconds.get(name, 0.0) + now - clock, now
 
     progress("preprocessing", 0.0)
     prepared = prepare(configuration, robot, demonstrations)
@@ -91,7 +92,10 @@ def learn(
             _check_stretch(flow.fit)
             skill = _skill(configuration, robot, demonstrations, prepared, None, flow.motion)
             progress("reproducing", 0.0)
-            reproduction = reproduce(skill, robot, prepared)
+            longest = max(np.linalg.norm(np.diff(path, axis=0), axis=1).sum() for path in flow.paths)
+            reproduction = reproduce(
+                skill, robot, prepared, duration=max(20.0, 3 * longest / configuration.policy.speed)
+            )
             lap("gate")
             _check(reproduction)
             why = "asked for" if configuration.method == "flow" else "it passes all checks"
@@ -101,6 +105,8 @@ def learn(
                 raise
             why = f"no flow passes: {error}"
             lap("flow")
+        # What a flow may do and this method may not, it refuses here: control points that cross their own way.
+        prepared = prepare(replace(configuration, method="paper"), robot, demonstrations)
     paper = learn_paper(configuration, prepared.subtasks, progress)
     lap("paper")
     skill = _skill(configuration, robot, demonstrations, prepared, paper.learned, None)
@@ -154,4 +160,7 @@ def _check(reproduction: Reproduction) -> None:
             f"{goal.max():.1f} cm from the goal. Are they one skill? `jaxrmp check` looks at them."
         )
     if not (rise <= _RISE).all():
-        raise TrainingError(f"the energy rises by {rise.max():.1e} of its range in a reproduction, allowed {_RISE}.")
+        raise TrainingError(
+            f"the energy rises by {rise.max():.1e} of its range in a reproduction, allowed {_RISE}: steps of 5 ms are "
+            "too long for it. Lower policy.damping_rate, or raise flow.conditioning."
+        )

@@ -9,7 +9,7 @@ from ..kinematics import Robot
 from ._arc_length import resample_by_arc_length
 from ._configuration import Configuration
 from ._flow_training import FlowFit, rays, train_flow
-from ._hand_flow import HandFlow, hand_flow, hand_points, postures_of
+from ._hand_flow import HandFlow, hand_flow, hand_points, postures_of, stacked_points
 from ._prepare import PreparedDemonstrations, control_point_frames, control_points, in_frame
 from ._skill import mean_pose, rigid_targets
 
@@ -57,14 +57,12 @@ def learn_flow(
         configuration.seed,
         lambda done, loss: progress("flow", done / settings.updates),
     )
-    end = np.mean([q[-1] for q in prepared.joints.q], axis=0)
-    motion = hand_flow(robot, frames[0], fit.flow, points, targets, end[None], end, settings, configuration.policy)
-    left = np.linspace(1.0, 0.0, _TUBE)
-    ways = np.asarray(rays(fit.flow, np.stack([path[0] for path in paths]).astype(np.float32), left.astype(np.float32)))
+    left = np.linspace(1.0, 0.0, _TUBE, dtype=np.float32)
+    ways = np.asarray(rays(fit.flow, np.stack([path[0] for path in paths]).astype(np.float32), left))
     seeds = [resample_by_arc_length(q, _TUBE) for q in prepared.joints.q]
-    postures = postures_of(robot, motion.task_map(robot, frames, T, None), ways, seeds)
-    tube = np.concatenate(postures)
-    motion = hand_flow(robot, frames[0], fit.flow, points, targets, tube, end, settings, configuration.policy)
+    tube = np.concatenate(postures_of(robot, stacked_points(robot, frames, offsets, T, targets), ways, seeds))
+    end = np.mean([q[-1] for q in prepared.joints.q], axis=0)
+    motion = hand_flow(robot, frames, fit.flow, points, targets, tube, end, settings, configuration.policy)
     return FlowLearning(motion, fit, paths)
 
 

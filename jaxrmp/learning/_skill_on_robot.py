@@ -75,23 +75,24 @@ def skill_on_robot(skill: "Skill", robot: Robot, arm: Robot) -> SkillOnRobot:
     points = {"offsets": offsets.astype(skill.offsets.dtype), "R_object_hand": matmul(skill.R_object_hand, R[0].T)}
     frames = tuple(arm.model.bodies[frame.body].name for frame in at)
     if skill.flow is not None:
-        points["flow"] = _flow_on(skill.flow, skill, R, np.array([frame.position for frame in at]), robot, arm)
+        points["flow"] = _flow_on(skill, frames[0], R, np.array([frame.position for frame in at]), robot, arm)
     moved = replace(skill, frames=frames, robot_fingerprint=robot.fingerprint, **points)
     return SkillOnRobot(moved, tuple(robot.joint_index(name) for name in arm.joint_names))
 
 
-def _flow_on(flow: "HandFlow", skill: "Skill", R: np.ndarray, at: np.ndarray, robot: Robot, arm: Robot) -> "HandFlow":
+def _flow_on(skill: "Skill", body: str, R: np.ndarray, at: np.ndarray, robot: Robot, arm: Robot) -> "HandFlow":
     """A skill's flow with its points in the frames of bodies, turned by `R` and at `at`. Its funnel and posture hold
     where the arm stands as it stood; elsewhere they are left out, and it is said."""
+    flow = skill.flow
+    assert flow is not None
     R, at = (R[:1].repeat(len(flow.offsets), 0), at[:1]) if flow.turned else (R, at)
     offsets = (einsum("kij,kj->ki", R, flow.offsets) + at).astype(np.float32)
     q = np.zeros(robot.num_joints)
     rows = [robot.joint_index(name) for name in arm.joint_names]
     q[rows] = arm.middle
-    there, here = (forward_kinematics(*found, skill.frames[0]) for found in ((arm, arm.middle), (robot, q)))
-    others = set(robot.model.joints_above(robot.model.frames[robot.frame_index(skill.frames[0])].body))
-    moving = len(others) > len(arm.model.joints_above(arm.model.frames[arm.frame_index(skill.frames[0])].body))
-    if not moving and np.allclose(there, here, atol=1e-5):
+    there, here = (forward_kinematics(*found, body) for found in ((arm, arm.middle), (robot, q)))
+    of_robot, of_arm = (len(r.model.joints_above(r.model.frames[r.frame_index(body)].body)) for r in (robot, arm))
+    if of_robot == of_arm and np.allclose(there, here, atol=1e-5):
         return replace(flow, offsets=offsets)
     warnings.warn(
         f"skill {skill.configuration.name!r}: {robot.name!r} has its arm elsewhere, or moves it as a whole. The funnel "

@@ -2,7 +2,10 @@
 
 import jax
 import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
 
+from .._errors import ConfigurationError
 from .._forms import DiagonalForm
 from .._gds import GeometricDynamicalSystem
 from .._linalg import matmul
@@ -26,7 +29,8 @@ class Funnel(GeometricDynamicalSystem):
     **Arguments**: `postures` [S, n], rad or m, dense along a path of motion; `weight` w, the metric far outside;
     `within` w_in, everywhere; `speed`, rad/s or m/s; `damping_rate`, 1/s; `inner`, `outer`, `taper` and the square root
     of `softness`, units of q.
-    **Raises** `ConfigurationError` for an inner radius, taper or softness that is not positive, or a negative gain.
+    **Raises** `ConfigurationError` for an inner radius, taper or softness that is not positive, an outer radius that is
+    not larger than the inner, or a negative gain.
 
     >>> leaf = Funnel(jnp.zeros((1, 2)), inner=0.5, outer=1.0)
     >>> leaf(jnp.array([0.3, 0.0]), jnp.ones(2)).M.tolist(), leaf(jnp.array([2.0, 0.0]), jnp.zeros(2)).M[0, 0].tolist()
@@ -45,6 +49,15 @@ class Funnel(GeometricDynamicalSystem):
     softness: Positive[jax.Array | float] = 0.02
     taper: Positive[jax.Array | float] = 0.15
     name: str = static(default="funnel")
+
+    def __post_init__(self):
+        radii = (self.inner, self.outer)
+        if not any(isinstance(r, Tracer) for r in radii) and not np.all(
+            np.asarray(self.inner) < np.asarray(self.outer)
+        ):
+            raise ConfigurationError(
+                f"inner of Funnel is {self.inner!r} and outer {self.outer!r}: expected inner < outer."
+            )
 
     def __call__(self, x, xd):
         return self.evaluate(x, xd).dense()

@@ -78,3 +78,5 @@ def test_a_funnel_leads_back_into_its_tube_from_everywhere():
 def test_a_funnel_says_what_it_must_be():
     with pytest.raises(ConfigurationError, match=r"inner of Funnel is 0\.0, expected a positive number"):
         Funnel(PATH, inner=0.0)
+    with pytest.raises(ConfigurationError, match="expected inner < outer"):
+        Funnel(PATH, inner=1.0, outer=0.8)
