@@ -8,7 +8,9 @@ import numpy as np
 
 from .._errors import DemonstrationError, UnknownNameError, importing
 from .._rotations import pose
-from ..kinematics import Robot, forward_kinematics
+from ..kinematics import Robot, frame_poses
+
+_WORLD = "world"  # the root of every model, and a frame of many bags
 
 
 class Transforms:
@@ -103,13 +105,21 @@ class Transforms:
 
 
 def base_frame(base: str, robot: Robot | None, frames: list[str]) -> tuple[str, np.ndarray]:
-    """The frame to take for `base`, and its pose in it: the root link of the `robot` where only that was recorded."""
-    if base in frames or robot is None:
+    """The frame to take for `base`, and its pose in it.
+
+    A recorded link of the `robot` that stands still, whose pose in `base` the model says; without one, the frame of
+    that name: the world of a bag need not be the model's.
+    """
+    if robot is None or base not in robot.frame_names:
         return base, np.eye(4)
     with jax.enable_x64(True):
-        for name in (name for name in robot.frame_names if name in frames):
-            rest, bent = (np.asarray(forward_kinematics(robot, np.full(robot.num_joints, q), name)) for q in (0.0, 0.3))
-            if np.array_equal(rest, bent):
-                T_world_base = np.asarray(forward_kinematics(robot, np.zeros(robot.num_joints), base))
-                return name, np.linalg.inv(T_world_base) @ rest
+        rest, bent = (
+            dict(zip(robot.frame_names, np.asarray(frame_poses(robot, q, robot.frame_names)), strict=True))
+            for q in (np.full(robot.num_joints, angle) for angle in (0.0, 0.3))
+        )
+    still = [name for name in rest if np.array_equal(rest[name], bent[name])]
+    if base in still:
+        for name in (base, *still):
+            if name in frames and name != _WORLD:
+                return name, np.linalg.inv(rest[base]) @ rest[name]
     return base, np.eye(4)

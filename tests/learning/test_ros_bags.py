@@ -182,7 +182,9 @@ def test_a_tracked_object_is_found_through_the_transforms(tmp_path, robot):
     T = [[np.cos(a), -np.sin(a), 0, 1], [np.sin(a), np.cos(a), 0, t - 2], [0, 0, 1, 1], [0, 0, 0, 1]]
     np.testing.assert_allclose(found[1].poses["cup"][13], T, atol=1e-8)
     assert found.layout.endswith("frames camera, cup, world, base_link, a")
-    assert load_demonstrations(folder, base="world", tracked="camera")[0].poses["camera"].shape == (4, 4)
+    same = load_demonstrations(folder, robot=robot, base="world", tracked="cup")  # the model's root, not the bag's
+    np.testing.assert_allclose(same[1].poses["cup"], found[1].poses["cup"], atol=1e-12)
+    assert load_demonstrations(folder, base="world", tracked="camera")[0].poses["camera"][1, 3] == 0.0
     with pytest.raises(UnknownNameError, match=r"frame of the transforms .*'cop'. Did you mean 'cup'"):
         load_demonstrations(folder, robot=robot, tracked="cop")
     alone = [*states(), transform("base_link", "cup", 1.0, [1, 0, 0], [0, 0, 0, 1])]
