@@ -6,7 +6,7 @@ import tempfile
 import zipfile
 from collections.abc import Iterator
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -36,11 +36,23 @@ def read_npz(path: str | os.PathLike) -> dict[str, np.ndarray]:
     **Raises** `FileNotFoundError`, and `ValueError` for whatever else is wrong with the file: zipfile, zlib and NumPy
     have many kinds of errors for damaged bytes.
     """
+    with _npz(path) as archive:
+        return {name: archive[name] for name in archive.files}
+
+
+def names_in_npz(path: str | os.PathLike) -> list[str]:
+    """The names of the arrays of an NPZ file, which are not read. **Raises** as `read_npz`."""
+    with _npz(path) as archive:
+        return list(archive.files)
+
+
+@contextlib.contextmanager
+def _npz(path: str | os.PathLike) -> Iterator[Any]:
     try:
         if not zipfile.is_zipfile(path) and Path(path).is_file():
             raise ValueError("it is no NPZ archive, or its end is missing")
         with np.load(path, allow_pickle=False) as archive:
-            return {name: archive[name] for name in archive.files}
+            yield archive
     except (FileNotFoundError, ValueError):
         raise
     except Exception as error:

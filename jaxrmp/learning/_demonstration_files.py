@@ -18,7 +18,7 @@ from ._demonstration_tables import read_table
 from ._demonstrations import JOINT_UNITS, Demonstration, DemonstrationSet, check_demonstration, check_poses
 from ._recording import RecordingSettings, chosen_episodes, name_columns, stated
 
-_NAME = re.compile(r"demo_(\d+)\.(npz|csv)")
+NAME = re.compile(r"demo_(\d+)\.(npz|csv)")
 _BASE, _POSE = "pose_world_base", "pose_world_"
 _LAYOUT = (
     "Expected demo_0.npz, demo_1.npz, ... with meta.json, or demo_0.csv, demo_1.csv, ...; or a LeRobotDataset, ROS "
@@ -113,7 +113,7 @@ def numbered_files(folder: Path, layout: str) -> list[Path]:
         raise DemonstrationError(f"{folder} is a file: give the folder that holds the demonstrations. {layout}")
     numbered = {}
     for file in folder.iterdir():
-        if match := _NAME.fullmatch(file.name):
+        if match := NAME.fullmatch(file.name):
             numbered.setdefault(match[2], {}).setdefault(int(match[1]), []).append(file)
     if not numbered:
         found = sorted(entry.name for entry in folder.iterdir())[:10]
@@ -199,7 +199,7 @@ def check_replaceable(folder: Path, overwrite: bool) -> None:
     there = sorted(entry.name for entry in folder.iterdir())
     if not there:
         return
-    others = [name for name in there if name != "meta.json" and not _NAME.fullmatch(name)]
+    others = [name for name in there if name != "meta.json" and not NAME.fullmatch(name)]
     if others:
         raise DemonstrationError(
             f"{folder} holds other things than demonstrations ({others[:5]}) and is left alone: choose another folder."

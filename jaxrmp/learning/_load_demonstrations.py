@@ -6,7 +6,7 @@ from pathlib import Path
 
 from .._errors import DemonstrationError, FileWarning
 from ..kinematics import Robot
-from ._demonstration_files import read_folder
+from ._demonstration_files import NAME, read_folder
 from ._demonstrations import DemonstrationSet
 from ._hdf5_demonstrations import MAGIC, read_hdf5
 from ._lerobot import INFO, read_lerobot
@@ -57,23 +57,34 @@ def load_demonstrations(
 def _read(
     path: Path, recording: RecordingSettings, robot: Robot | None, base: str, tracked: str, told: list[str]
 ) -> DemonstrationSet:
+    inside = list(path.iterdir()) if path.is_dir() else []
+    numbered = sorted(file.name for file in inside if NAME.fullmatch(file.name))
     if (path / INFO).is_file():
+        _one_of(path, str(INFO), numbered)
         return read_lerobot(path, recording, robot, told)
-    if (
-        path.is_dir()
-        and not any(path.glob("demo_*.npz"))
-        and len(inside := [f for f in path.iterdir() if _is_hdf5(f)]) == 1
-    ):
-        path = inside[0]
-    if _is_hdf5(path):
-        return read_hdf5(path, recording, robot, tracked, told)
-    if path.exists() and bags_at(path):
+    hdf5 = [file for file in inside or [path] if _is_hdf5(file)]
+    bags = bags_at(path) if path.exists() else []
+    if numbered:
+        if others := sorted(file.name for file in {*hdf5, *bags} - {path}):
+            told.append(f"{others} are not read, since there are {numbered[0]} and the like.")
+    elif len(hdf5) == 1:
+        _one_of(path, hdf5[0].name, [bag.name for bag in bags])
+        return read_hdf5(hdf5[0], recording, robot, tracked, told)
+    elif bags:
         return read_bags(path, recording, robot, base, tracked, told)
     if is_poses(path):
-        raise DemonstrationError(f"{path} holds poses of a hand and no joints: read them with learning.load_poses.")
+        raise DemonstrationError(
+            f"{path} holds poses of a hand and no joints: learning.load_poses reads them, but no skill can be learned "
+            "from them yet. Record the joints as well."
+        )
     if path.is_file():
         raise DemonstrationError(f"{path} is a file, and of no kind that is known. Give {_KNOWN}.")
     return read_folder(path, recording, told)
+
+
+def _one_of(path: Path, name: str, others: list[str]) -> None:
+    if others:
+        raise DemonstrationError(f"{path} holds both {name} and {others[0]}: keep one of the two kinds.")
 
 
 def _is_hdf5(file: Path) -> bool:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from .._errors import DemonstrationError, importing
-from .._files import read_npz
+from .._files import names_in_npz, read_npz
 from ._demonstration_tables import read_numbers
 from ._recording import in_natural_order
 
@@ -54,8 +54,8 @@ def is_paths(path: Path) -> bool:
     """Whether the file at `path` holds paths in the plane and no turns, as `load_paths` reads."""
     try:
         if path.suffix.lower() == ".npz":
-            with np.load(path) as archive:
-                return archive.files[:1] != [] and all(name.startswith(_NAMES) for name in archive.files)
+            names = names_in_npz(path)
+            return names != [] and all(name.startswith(_NAMES) for name in names)
         return path.suffix.lower() == ".mat" and path.is_file()
     except (OSError, ValueError):
         return False

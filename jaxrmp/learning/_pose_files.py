@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from .._errors import DemonstrationError, FileWarning, RigidTransformError
-from .._files import read_npz
+from .._files import names_in_npz, read_npz
 from ._demonstration_files import numbered_files, read_meta
 from ._demonstration_tables import object_poses, read_numbers
 from ._pose_demonstrations import PoseDemonstration, PoseDemonstrationSet
@@ -74,17 +74,20 @@ def load_poses(path: str | os.PathLike, recording: RecordingSettings | None = No
 
 
 def is_poses(path: Path) -> bool:
-    """Whether `path` holds poses of a hand and no joints, as `load_poses` reads."""
+    """Whether `path` holds poses of a hand and no joints, as `load_poses` reads; not if it cannot be read."""
     try:
         if path.suffix == ".npz":
-            with np.load(path) as archive:
-                names = archive.files
-            return all(any(name.startswith(of) for name in names) for of in (_POSITION, _QUATERNION))
+            names = names_in_npz(path)
+            return "joint_positions" not in names and all(
+                any(name.startswith(of) for name in names) for of in (_POSITION, _QUATERNION)
+            )
         file = min(path.glob("demo_*.[nc][ps][zv]"), key=in_natural_order)
         if file.suffix == ".csv":
-            return set(_HEADER) <= {
-                entry.strip() for entry in file.read_text("utf-8-sig").partition("\n")[0].split(",")
-            }
+            with open(file, encoding="utf-8-sig") as table:
+                header = {name.strip() for name in table.readline().split(",")}
+            objects = {name.removesuffix("_qw") for name in header if name.endswith("_qw")}
+            others = {name for name in header if name.rpartition("_")[0] not in objects}  # else joints
+            return set(_HEADER) <= others <= {"time", *_HEADER}
         return is_poses(file)
     except (OSError, ValueError):
         return False

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from jaxrmp import DemonstrationError, RigidTransformError, UnknownNameError
+from jaxrmp import DemonstrationError, FileWarning, RigidTransformError, UnknownNameError
 from jaxrmp.learning import load_demonstrations, save_demonstrations
 from jaxrmp.learning._demonstrations import Demonstration, DemonstrationSet
 
@@ -170,6 +170,12 @@ def test_files_come_in_the_order_of_their_numbers(tmp_path):
         (lambda f: rewrite_meta(f, num_demos=3), DemonstrationError, "num_demos = 3, but the folder holds 2"),
         (lambda f: rewrite_meta(f, objects=["door"]), DemonstrationError, "no pose of 'door'"),
         (lambda f: (f / "demo_1.npz").write_bytes(b"nonsense"), DemonstrationError, "demo_1.npz is not readable"),
+        (lambda f: (f / "demo_0.npz").write_bytes(b""), DemonstrationError, "demo_0.npz is not readable"),
+        (
+            lambda f: (f / "demo_0.npz").write_bytes((f / "demo_0.npz").read_bytes()[:900]),
+            DemonstrationError,
+            "demo_0.npz is not readable",
+        ),
         (lambda f: (f / "demo_1.npz").write_bytes(b""), DemonstrationError, "demo_1.npz is not readable"),
         (
             lambda f: (f / "demo_1.npz").write_bytes((f / "demo_1.npz").read_bytes()[:900]),
@@ -201,6 +207,25 @@ def test_a_folder_that_cannot_be_read_says_why(folder, spoil, error, message):
     spoil(folder)
     with pytest.raises(error, match=message):
         load_demonstrations(folder)
+
+
+@pytest.mark.parametrize("stray", [b"\x89HDF\r\n\x1a\n", b"#ROSBAG V2.0\n"])
+def test_numbered_files_come_before_what_lies_beside_them(tmp_path, stray):
+    folder = write_tables(tmp_path / "tables")
+    (folder / "stray").write_bytes(stray)
+    with pytest.warns(FileWarning, match=r"\['stray'\] are not read, since there are demo_0.csv"):
+        assert load_demonstrations(folder).joint_names == JOINTS
+    (folder / "meta").mkdir()
+    (folder / "meta" / "info.json").write_text("{}")
+    with pytest.raises(DemonstrationError, match=r"holds both meta.info.json and demo_0.csv: keep one"):
+        load_demonstrations(folder)
+
+
+def test_files_of_two_kinds_are_not_chosen_from(tmp_path):
+    (tmp_path / "a.h5").write_bytes(b"\x89HDF\r\n\x1a\n")
+    (tmp_path / "b.bag").write_bytes(b"#ROSBAG V2.0\n")
+    with pytest.raises(DemonstrationError, match="holds both a.h5 and b.bag"):
+        load_demonstrations(tmp_path)
 
 
 def test_a_place_without_demonstrations_says_what_is_there(tmp_path):

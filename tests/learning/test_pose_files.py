@@ -12,6 +12,8 @@ from jaxrmp.learning import (
     PoseDemonstration,
     PoseDemonstrationSet,
     RecordingSettings,
+    is_paths,
+    is_poses,
     load_demonstrations,
     load_paths,
     load_poses,
@@ -85,6 +87,25 @@ def test_tables_say_the_order_by_their_columns(tmp_path):
     (tmp_path / "demo_1.csv").write_text("time,x,y,z\n0,1,2,3\n")
     with pytest.raises(DemonstrationError, match=r"demo_1.csv has the columns .*'qw' is missing"):
         load_poses(tmp_path, RecordingSettings(units="m"))
+
+
+def test_joints_with_the_hands_pose_beside_them_are_joints(tmp_path):
+    """And a damaged file is neither poses nor paths."""
+    table, header = np.c_[TIME, TIME, -TIME, POSITION, WXYZ], "time,a,b,x,y,z,qw,qx,qy,qz"
+    arrays = {"time": TIME, "joint_positions": table[:, 1:3], "position": POSITION, "quaternion": WXYZ}
+    for folder in (tmp_path / "tables", tmp_path / "arrays"):
+        folder.mkdir()
+    for k in range(2):
+        np.savetxt(tmp_path / "tables" / f"demo_{k}.csv", table, delimiter=",", header=header, comments="")
+        np.savez(tmp_path / "arrays" / f"demo_{k}.npz", **arrays)
+    (tmp_path / "arrays" / "meta.json").write_text(json.dumps({"robot": "arm", "joint_names": ["a", "b"]}))
+    assert load_demonstrations(tmp_path / "tables").joint_names[:2] == ("a", "b")
+    np.testing.assert_array_equal(load_demonstrations(tmp_path / "arrays")[1].q, table[:, 1:3])
+    file = tmp_path / "poses.npz"
+    np.savez(file, positions_0=POSITION, quaternions_0=WXYZ)
+    for cut in (0, 40, 900):
+        (tmp_path / "cut.npz").write_bytes(file.read_bytes()[:cut])
+        assert is_poses(file) and not is_poses(tmp_path / "cut.npz") and not is_paths(tmp_path / "cut.npz")
 
 
 @pytest.mark.parametrize(
