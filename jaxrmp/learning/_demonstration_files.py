@@ -19,6 +19,7 @@ from ._demonstrations import JOINT_UNITS, Demonstration, DemonstrationSet, check
 from ._recording import RecordingSettings, chosen_episodes, name_columns, stated
 
 NAME = re.compile(r"demo_(\d+)\.(npz|csv)")
+_READ = {"robot", "joint_names", "units", "num_demos", "objects", "source", "notes"}
 _BASE, _POSE = "pose_world_base", "pose_world_"
 _LAYOUT = (
     "Expected demo_0.npz, demo_1.npz, ... with meta.json, or demo_0.csv, demo_1.csv, ...; or a LeRobotDataset, ROS "
@@ -52,10 +53,10 @@ def read_folder(folder: Path, recording: RecordingSettings, told: list[str]) -> 
             demonstration = replace(demonstration, time=np.arange(len(demonstration.q)) / recording.rate)
         demonstrations.append(demonstration)
     names = name_columns(["joints"], {"joints": joint_names or ()}, recording, None, folder, told)
-    units = meta.get("units", {})
-    said = str(units.get("joint_positions", "rad") if isinstance(units, dict) else units)
-    said = {"deg": "degrees", "degree": "degrees", "radians": "rad"}.get(said, said)
+    said = _units(meta, folder / "meta.json")
     units = stated(recording, "units", said, JOINT_UNITS, folder / "meta.json")
+    if unread := sorted(set(meta) - _READ):
+        told.append(f"{unread} of meta.json are not read; {sorted(_READ)} are.")
     source, layout = str(meta.get("source", folder.name)), f"{len(files)} files {files[0].suffix}"
     return DemonstrationSet(tuple(demonstrations), names, str(meta.get("robot", "unknown")), source, units, layout)
 
@@ -151,6 +152,24 @@ def read_meta(file: Path, required: bool) -> dict[str, Any]:
         if not meta.get(key):
             raise DemonstrationError(f"{file} has no {key!r}; it has {sorted(meta)}. Add it.")
     return meta
+
+
+def _units(meta: dict[str, Any], file: Path) -> str:
+    """The unit of joints; **raises** `DemonstrationError` for units of other things, or of time and poses other ones."""
+    units = meta.get("units") or {}
+    units = {"joint_positions": units} if isinstance(units, str) else units
+    if not isinstance(units, dict):
+        raise DemonstrationError(f"{file}: units is {units!r}, expected a unit of joints, or an object of units.")
+    known = {"time": ("s", "seconds"), "pose": ("m", "metres"), "joint_positions": (), "gripper_positions": ()}
+    for key, unit in units.items():
+        if key not in known:
+            raise DemonstrationError(f"{file}: units are said of {key!r}; known are {', '.join(known)}.")
+        if known[key] and str(unit).removeprefix("homogeneous 4x4, ").split(",")[0] not in known[key]:
+            raise DemonstrationError(
+                f"{file}: units of {key!r} are {unit!r}, but only {known[key][0]} can be read: convert them."
+            )
+    said = str(units.get("joint_positions", "rad"))
+    return {"deg": "degrees", "degree": "degrees", "radians": "rad"}.get(said, said)
 
 
 def _read_npz(file: Path, joint_names: tuple[str, ...] | None) -> tuple[Demonstration, tuple[str, ...]]:

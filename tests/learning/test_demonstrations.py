@@ -167,6 +167,14 @@ def test_files_come_in_the_order_of_their_numbers(tmp_path):
         (lambda f: rewrite_meta(f, joint_names=None), DemonstrationError, "has no 'joint_names'"),
         (lambda f: rewrite_meta(f, robot=None), DemonstrationError, "has no 'robot'"),
         (lambda f: rewrite_meta(f, joint_names=["a"]), DemonstrationError, r"demo_0.npz: joint.*expected \[T, 1\]"),
+        (
+            lambda f: rewrite_meta(f, units={"joints": "deg"}),
+            DemonstrationError,
+            "units are said of 'joints'; known are",
+        ),
+        (lambda f: rewrite_meta(f, units={"time": "ms"}), DemonstrationError, "units of 'time' are 'ms', but only s"),
+        (lambda f: rewrite_meta(f, units={"pose": "mm"}), DemonstrationError, "units of 'pose' are 'mm', but only m"),
+        (lambda f: rewrite_meta(f, units=["deg"]), DemonstrationError, r"units is \['deg'\], expected a unit"),
         (lambda f: rewrite_meta(f, num_demos=3), DemonstrationError, "num_demos = 3, but the folder holds 2"),
         (lambda f: rewrite_meta(f, objects=["door"]), DemonstrationError, "no pose of 'door'"),
         (lambda f: (f / "demo_1.npz").write_bytes(b"nonsense"), DemonstrationError, "demo_1.npz is not readable"),
@@ -206,6 +214,12 @@ def test_files_come_in_the_order_of_their_numbers(tmp_path):
 def test_a_folder_that_cannot_be_read_says_why(folder, spoil, error, message):
     spoil(folder)
     with pytest.raises(error, match=message):
+        load_demonstrations(folder)
+
+
+def test_what_meta_says_and_nobody_reads_is_told(folder):
+    rewrite_meta(folder, unit="degrees", notes="by hand")
+    with pytest.warns(FileWarning, match=r"\['unit'\] of meta.json are not read"):
         load_demonstrations(folder)
 
 
