@@ -155,7 +155,7 @@ def read_meta(file: Path, required: bool) -> dict[str, Any]:
 
 
 def _units(meta: dict[str, Any], file: Path) -> str:
-    """The unit of joints; **raises** `DemonstrationError` for units of other things, or of time and poses other ones."""
+    """The unit of joints; **raises** `DemonstrationError` for units that cannot be read."""
     units = meta.get("units") or {}
     units = {"joint_positions": units} if isinstance(units, str) else units
     if not isinstance(units, dict):

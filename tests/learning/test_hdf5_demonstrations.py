@@ -10,6 +10,7 @@ import pytest
 from jaxrmp import DemonstrationError, FileWarning, UnknownNameError
 from jaxrmp.kinematics import load_robot_from_string
 from jaxrmp.learning import RecordingSettings, fit_to_robot, load_demonstrations
+from jaxrmp.learning._mujoco_states import MujocoStates
 
 ARM = """<robot name="arm"><link name="base"/><link name="a"/><link name="b"/>
 <joint name="robot0_joint1" type="revolute"><parent link="base"/><child link="a"/><axis xyz="0 0 1"/>
@@ -141,3 +142,46 @@ def test_a_damaged_file_and_demonstrations_that_lack_something(tmp_path, robot):
     file.write_bytes(file.read_bytes()[:2000])
     with pytest.raises(DemonstrationError, match="demo.hdf5 is not readable as HDF5"):
         load_demonstrations(file)
+
+
+def test_joints_in_frames_are_counted_and_bases_placed_by_them():
+    inner = '<joint name="robot0_joint1" axis="0 0 1"/>'
+    framed = MODEL.replace(inner, f'<frame pos="0 0 1">{inner}</frame>').replace(
+        '<body name="robot0_base" pos="0.5 0 1" quat="1 0 0 1">',
+        '<frame pos="0.5 0 1" quat="1 0 0 1"><body name="robot0_base">',
+    )
+    framed = framed.replace('<body name="door">', '</frame><body name="door">')
+    model = mujoco.MjModel.from_xml_string(framed)
+    table, poses = states(1)
+    assert model.nq + model.nv + 1 == table.shape[1]
+    found = MujocoStates.read(framed, table, "here")
+    assert {name: first for name, (_, first, _) in found.joints.items()} == {
+        model.joint(j).name: model.jnt_qposadr[j] for j in range(model.njnt)
+    }
+    np.testing.assert_allclose(found.object_pose("cup_main", "states/robot0"), poses, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('<body name="door">', '<replicate count="2"/><body name="door">', "model has a <replicate>"),
+        ('<joint name="door_hinge"/>', "", r"shape \(20, 20\) are not of the model, whose 9 positions and 8 vel"),
+        ('quat="1 0 0 1"', 'euler="0 0 90"', "robot0_base: that body moves, or is turned by euler"),
+        ('quat="1 0 0 1">', '><joint name="rail" type="hinge"/>', None),
+    ],
+)
+def test_models_whose_states_or_bases_are_not_known_are_refused(old, new, message):
+    table = states(1)[0]
+    if message is None:
+        table, message = np.hstack([table, np.zeros((20, 2))]), "robot0_base: that body moves"
+    with pytest.raises(DemonstrationError, match=message):
+        MujocoStates.read(MODEL.replace(old, new), table, "here").object_pose("cup_main", "states/robot0")
+
+
+def test_states_of_actuators_explain_more_columns():
+    table = np.hstack([states(1)[0], np.zeros((20, 1))])
+    acts = '</worldbody><actuator><intvelocity joint="door_hinge"/><motor joint="door_hinge"/></actuator>'
+    model = MODEL.replace("</worldbody>", acts)
+    assert MujocoStates.read(model, table, "here").qpos.shape == (20, 10)
+    with pytest.raises(DemonstrationError, match="are not of the model"):
+        MujocoStates.read(MODEL, table, "here")
