@@ -11,6 +11,8 @@ from ._demonstrations import DemonstrationSet
 from ._recorded_units import check_angles, check_range, check_speed, check_time
 from ._turns import one_turn_for_all, within_limits, without_wraps
 
+_GRIPPERS = ("gripper", "finger", "jaw")
+
 
 def fit_to_robot(demonstrations: DemonstrationSet, robot: Robot) -> DemonstrationSet:
     """The same `demonstrations` with the joints of `robot`, in its order, and what a recorder did to them undone.
@@ -29,6 +31,8 @@ def fit_to_robot(demonstrations: DemonstrationSet, robot: Robot) -> Demonstratio
     joints = {joint.name: joint for joint in robot.model.joints}
     limits = zip(*(np.asarray(a, float) for a in (robot.lower, robot.upper, robot.velocity_limit)), strict=True)
     times = [d.time for d in demonstrations]
+    if demonstrations.units == "normalised":
+        _check_shares(np.concatenate([d.q[:, columns] for d in demonstrations]), robot)
     recorded = [_in_radians(d.q[:, columns], demonstrations.units, robot, told) for d in demonstrations]
     for k, (time, q) in enumerate(zip(times, recorded, strict=True)):
         check_time(time, q, f"demonstration {k}")
@@ -78,6 +82,20 @@ def _columns(demonstrations: DemonstrationSet, robot: Robot, told: list[str]) ->
     return [given.index(name) for name in wanted]
 
 
+def _check_shares(q: np.ndarray, robot: Robot) -> None:
+    """**Raises** `DemonstrationError` for a joint that LeRobot normalises to 0 to 100, as grippers, not -100 to 100."""
+    shares = [
+        name
+        for name, column in zip(robot.joint_names, q.T, strict=True)
+        if any(word in name.lower() for word in _GRIPPERS) and column.min() >= 0
+    ]
+    if shares:
+        raise DemonstrationError(
+            f"joints {shares} are never below 0, as of a gripper that is normalised to 0 to 100, and -100 to 100 is "
+            "read: lock them (fixed_joints), or record in degrees."
+        )
+
+
 def _in_radians(q: np.ndarray, units: str, robot: Robot, told: list[str]) -> np.ndarray:
     """Positions [T, n] of the robot's joints as recorded in `units`, in rad, of sliding joints in m."""
     if units == "degrees":
@@ -92,7 +110,8 @@ def _in_radians(q: np.ndarray, units: str, robot: Robot, told: list[str]) -> np.
             )
         said = (
             "positions from -100 to 100 are taken for the range between the limits of the robot's file. If the arm was "
-            "calibrated to another range, the angles are off: record in degrees."
+            "calibrated to another range, or a joint goes from 0 to 100, as LeRobot's grippers do, the angles are off: "
+            "record in degrees."
         )
         if said not in told:
             told.append(said)

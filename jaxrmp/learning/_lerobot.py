@@ -45,15 +45,24 @@ def read_lerobot(folder: Path, recording: RecordingSettings, robot: Robot | None
     order = np.lexsort((frame, episode))
     rows_of = dict(zip(numbers, np.split(order, np.searchsorted(episode[order], numbers[1:])), strict=True))
     demonstrations = []
+    unfit: list[int] = []
     for number, rows in rows_of.items():
         time = stamp[rows]
-        if recording.rate or not (np.isfinite(time).all() and (np.diff(time) >= 0).all() and time[-1] > time[0]):
+        runs = np.isfinite(time).all() and (np.diff(time) >= 0).all() and time[-1] > time[0]
+        if recording.rate or not runs:
             if not rate:
                 raise DemonstrationError(f"{folder}, episode {number}: no time stamps, and no fps in {INFO}.")
+            if not recording.rate and not np.isnan(time).all():
+                unfit.append(number)
             time = np.arange(len(rows)) / rate
         demonstration = Demonstration(time - time[0], q[rows])
         check_demonstration(demonstration, names, f"{folder}, episode {number}")
         demonstrations.append(demonstration)
+    if unfit:
+        told.append(
+            f"time stamps of episodes {_shortened(unfit)} run backwards, stand still or are not finite: {rate:g} "
+            f"samples a second are taken, as {INFO} says. recording.rate says otherwise."
+        )
     by_task: dict[int, list[int]] = {}
     for number in numbers:
         by_task.setdefault(int(task[rows_of[number][0]]), []).append(number)

@@ -86,6 +86,27 @@ def test_shares_of_the_range_are_spread_over_the_limits_and_said(tmp_path, robot
     np.testing.assert_allclose(fitted[0].q[-1], [2 * 0.60, 2 * 0.005], rtol=1e-5)
 
 
+def test_a_gripper_of_shares_from_zero_is_refused(tmp_path):
+    joints = JOINT.format("base", "pan", "revolute") + JOINT.format("pan", "lift", "prismatic")
+    with_gripper = load_robot_from_string(ARM.format(joints + JOINT.format("lift", "gripper", "revolute")))
+    found = load_demonstrations(write_dataset(tmp_path / "ds"), RecordingSettings(units="normalised"), with_gripper)
+    with pytest.raises(DemonstrationError, match=r"joints \['gripper'\] are never below 0.* lock them"):
+        fit_to_robot(found, with_gripper)
+
+
+@pytest.mark.parametrize("spoiled", [-1.0, np.nan])
+def test_time_stamps_that_cannot_be_are_told(tmp_path, spoiled):
+    folder = write_dataset(tmp_path / "ds")
+    file = folder / "data" / "chunk-000" / "file-000.parquet"
+    table = pq.read_table(file)
+    stamps = table["timestamp"].to_numpy().copy()
+    stamps[27] = spoiled  # of episode 1
+    pq.write_table(table.set_column(table.schema.get_field_index("timestamp"), "timestamp", pa.array(stamps)), file)
+    with pytest.warns(FileWarning, match=r"time stamps of episodes 1 run backwards.*: 10 samples a second are taken"):
+        found = load_demonstrations(folder, DEGREES)
+    np.testing.assert_allclose(found[1].time, np.arange(20) / 10)
+
+
 def test_episodes_lie_in_any_order_and_across_files(tmp_path):
     """Neither the order of files nor that of rows says which episode a row is of."""
     folder = write_dataset(tmp_path / "ds", files=[[2, 0], [1]])
