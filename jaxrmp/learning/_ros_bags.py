@@ -148,10 +148,12 @@ def _joint_states(
             told.append(f"{empty} messages of {topic} without a position for each name are left out.")
         ticks = _ticks(np.array(stamps, np.int64).reshape(-1, 2), topic, bag, told)
         mine: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {}
+        there = set().union(*rows)
+        wanted = known & there or there
         for names, (indices, positions) in rows.items():
             table = np.array(positions, np.float64)
             for j, name in enumerate(names):
-                if known and not known.isdisjoint(names) and name not in known:
+                if name not in wanted:
                     left_out[name] = None
                     continue
                 mine.setdefault(name, []).append((ticks[indices], table[:, j]))

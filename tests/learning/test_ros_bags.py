@@ -104,6 +104,14 @@ def test_positions_go_by_name_whatever_their_order_and_the_other_robots_joints_a
         assert demonstration.time[0] == 0.0 and 1.99 < demonstration.time[-1] < 2.06
 
 
+def test_another_devices_messages_on_the_topic_do_not_cut_the_recording(tmp_path, robot):
+    gripper = states(names=("gripper",), values=lambda t: [0.04], count=3, stamp=lambda t: 0.8 + t / 8)
+    folder = write_bags(tmp_path, [*states(), *gripper], [*states(), *gripper])
+    with pytest.warns(FileWarning, match=r"\['gripper'\] are no moving joints of the robot and left out"):
+        found = load_demonstrations(folder, robot=robot)
+    assert found.joint_names == NAMES and found[0].time[-1] == pytest.approx(2.0)
+
+
 def test_storage_files_without_their_metadata_and_in_the_order_of_their_numbers(tmp_path):
     for k, bag in enumerate(write_bag(tmp_path / f"b{k}", states(values=lambda t, k=k: [k, t])) for k in range(11)):
         next(bag.glob("*.mcap")).rename(tmp_path / f"take_{k}.mcap")
