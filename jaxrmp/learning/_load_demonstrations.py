@@ -49,6 +49,8 @@ def load_demonstrations(
     path, recording = Path(path), recording or RecordingSettings()
     told: list[str] = []
     found = _read(path, recording, robot, base, tracked, told)
+    if recording.quaternion:
+        told.append("recording.quaternion (--quaternion) is of poses of a hand: here it says nothing.")
     if told:
         warnings.warn(f"{path}: " + " ".join(dict.fromkeys(told)), FileWarning, stacklevel=2)
     return found

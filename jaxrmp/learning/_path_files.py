@@ -14,12 +14,12 @@ from ._recording import in_natural_order
 _NAMES = ("positions", "position", "pos")
 _LAYOUT = (
     "Expected an .npz file of arrays [T, 2] (positions_0, ...), a .mat file of demonstrations with `pos` [2, T], as of "
-    "LASA, or a .csv file, or a folder of them, with columns x and y."
+    "LASA, or a folder of .csv files with columns x and y."
 )
 
 
 def load_paths(path: str | os.PathLike) -> tuple[np.ndarray, ...]:
-    """Read planar paths, each [T, 2], as drawn: `path` is an NPZ, MAT or CSV file, or a folder of CSV files.
+    """Read planar paths, each [T, 2], as drawn: `path` is an NPZ or MAT file, or a folder of CSV files.
 
     Of an NPZ file its arrays `positions_K`, else all; of a MAT file the fields `pos` of its demonstrations (or
     `position`, `positions`), [2, T] or [T, 2]; of a CSV file the columns `x` and `y`. What else there is, such as
@@ -31,9 +31,8 @@ def load_paths(path: str | os.PathLike) -> tuple[np.ndarray, ...]:
     if not path.exists():
         raise DemonstrationError(f"{path} does not exist. {_LAYOUT}")
     kind = path.suffix.lower()
-    if path.is_dir() or kind == ".csv":
-        files = sorted(path.glob("*.csv"), key=in_natural_order) if path.is_dir() else [path]
-        found = {file.name: _of_table(file) for file in files}
+    if path.is_dir():
+        found = {file.name: _of_table(file) for file in sorted(path.glob("*.csv"), key=in_natural_order)}
     elif kind == ".npz":
         try:
             arrays = read_npz(path)

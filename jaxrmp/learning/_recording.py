@@ -20,7 +20,8 @@ class RecordingSettings:
     `units`: of joints rad (sliding joints m), degrees, or normalised (-100 to 100 over the joint's range); of positions
     m, cm or mm. `group`: of a file with several the one to read, or some with commas between: a feature, a topic, a
     dataset. `columns`: the joints of the columns in their order, where the file names none, or not as the robot does.
-    `rate`, samples a second. `episodes`: those to read, by their numbers; default all. `quaternion`: wxyz or xyzw.
+    `rate`, samples a second, except of bags, whose stamps hold. `episodes`: those to read, by their numbers; default
+    all. `quaternion` of poses of a hand: wxyz or xyzw.
     """
 
     units: str = ""

@@ -67,6 +67,8 @@ def read_bags(
             said.setdefault(what, []).append(bag.name)
     for what, of in said.items():
         told.append(f"{', '.join(of) if len(of) < max(2, len(found)) else 'all bags'}: {what}")
+    if recording.rate:
+        told.append("recording.rate (--rate) is not used: the stamps of a bag's messages say the time.")
     units = recording.units or "rad"
     layout = f"{len(bags)} bags: {', '.join(topics)}{f' and the frame {tracked}' * bool(tracked)}; of {layout}"
     names = name_columns(["joints"], {"joints": names}, recording, robot, path, told)

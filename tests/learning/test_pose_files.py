@@ -158,7 +158,7 @@ def test_planar_paths_from_archives_tables_and_lasa(tmp_path):
     for k in (0, 1):
         np.savetxt(tmp_path / f"path_{k}.csv", np.c_[TIME, path], delimiter=",", header="time,x,y", comments="")
     np.testing.assert_array_equal(load_paths(tmp_path)[1], path)
-    with pytest.raises(DemonstrationError, match=r"holds 1 path\(s\)"):
+    with pytest.raises(DemonstrationError, match=r"of no kind that is known\. .*a folder of \.csv files"):
         load_paths(tmp_path / "path_0.csv")
     np.savez(tmp_path / "flat.npz", positions_0=POSITION, positions_1=POSITION)
     with pytest.raises(DemonstrationError, match=r"positions_0 has shape \(30, 3\), expected \[T, 2\]"):

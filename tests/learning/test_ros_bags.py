@@ -104,6 +104,13 @@ def test_positions_go_by_name_whatever_their_order_and_the_other_robots_joints_a
         assert demonstration.time[0] == 0.0 and 1.99 < demonstration.time[-1] < 2.06
 
 
+def test_settings_that_say_nothing_of_a_bag_are_told(tmp_path):
+    folder = write_bags(tmp_path, states(), states())
+    with pytest.warns(FileWarning, match=r"\(--rate\) is not used: the stamps.*\(--quaternion\) is of poses"):
+        found = load_demonstrations(folder, RecordingSettings(rate=50, quaternion="wxyz"))
+    assert found[0].time[-1] == pytest.approx(2.0)
+
+
 def test_another_devices_messages_on_the_topic_do_not_cut_the_recording(tmp_path, robot):
     gripper = states(names=("gripper",), values=lambda t: [0.04], count=3, stamp=lambda t: 0.8 + t / 8)
     folder = write_bags(tmp_path, [*states(), *gripper], [*states(), *gripper])
