@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from .._errors import DemonstrationError
-from .._files import read_npz
+from .._files import names_in_npz, read_npz
 from .._rotations import pose
 from ._demonstration_tables import read_table
 from ._demonstrations import JOINT_UNITS, Demonstration, DemonstrationSet, check_demonstration, check_poses
@@ -20,6 +20,7 @@ from ._recording import RecordingSettings, chosen_episodes, name_columns, stated
 
 NAME = re.compile(r"demo_(\d+)\.(npz|csv)")
 _READ = {"robot", "joint_names", "units", "num_demos", "objects", "source", "notes"}
+_ARRAYS = ("time", "joint_positions", "gripper_positions")  # the last left out without a word
 _BASE, _POSE = "pose_world_base", "pose_world_"
 _LAYOUT = (
     "Expected demo_0.npz, demo_1.npz, ... with meta.json, or demo_0.csv, demo_1.csv, ...; or a LeRobotDataset, ROS "
@@ -39,8 +40,8 @@ def read_folder(folder: Path, recording: RecordingSettings, told: list[str]) -> 
         )
     joint_names = tuple(meta["joint_names"]) if "joint_names" in meta else None
     demonstrations = []
-    for k in chosen_episodes(recording, range(len(files)), folder):
-        file = files[k]
+    chosen = [files[k] for k in chosen_episodes(recording, range(len(files)), folder)]
+    for file in chosen:
         demonstration, joint_names = read(file, joint_names)
         check_demonstration(demonstration, joint_names, str(file))
         absent = [name for name in meta.get("objects", ()) if name not in demonstration.poses]
@@ -57,6 +58,9 @@ def read_folder(folder: Path, recording: RecordingSettings, told: list[str]) -> 
     units = stated(recording, "units", said, JOINT_UNITS, folder / "meta.json")
     if unread := sorted(set(meta) - _READ):
         told.append(f"{unread} of meta.json are not read; {sorted(_READ)} are.")
+    arrays = names_in_npz(chosen[0]) if chosen[0].suffix == ".npz" else ()
+    if unread := [name for name in arrays if name not in _ARRAYS and not name.startswith(_POSE)]:
+        told.append(f"arrays {unread} of {chosen[0].name} are not read; time, joint_positions and {_POSE}OBJECT are.")
     source, layout = str(meta.get("source", folder.name)), f"{len(files)} files {files[0].suffix}"
     return DemonstrationSet(tuple(demonstrations), names, str(meta.get("robot", "unknown")), source, units, layout)
 
