@@ -104,6 +104,8 @@ def summary(found: dict[str, Any]) -> str:
     """The report in a few lines."""
     times = found["time_to_converge_s"]
     took = f"median {times['median']:.1f} s, longest {times['max']:.1f} s" if times else "none"
+    touched = found["starts_that_touched"]
+    clearance = "not watched" if touched is None else f"{found['min_clearance_m']:.3f} m ({touched} starts touched)"
     lines = [
         f"starts                  {found['starts']}",
         f"converged               {100 * found['converged']:.2f} %  ({took})",
@@ -113,7 +115,7 @@ def summary(found: dict[str, Any]) -> str:
         f"unfinished              {100 * found['unfinished']:.2f} %",
         f"non-finite              {found['non_finite']}",
         f"energy increase         {found['max_energy_increase']:.1e} of V's range at most",
-        f"smallest clearance      {found['min_clearance_m']:.3f} m ({found['starts_that_touched']} starts touched)",
+        f"smallest clearance      {clearance}",
         f"smallest limit margin   {found['min_limit_margin_rad']:.4f} rad",
     ]
     return "\n".join(lines)

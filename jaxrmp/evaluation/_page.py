@@ -63,14 +63,14 @@ def write_page(
 def _summary(report: Mapping[str, Any]) -> str:
     rows = [["starts", report["starts"]]]
     rows += [[name.replace("_", " "), percent(report[name])] for name in KINDS.values()]
-    times = report["time_to_converge_s"]
+    times, touched = report["time_to_converge_s"], report["starts_that_touched"]
     if times:
         rows.append(["time to converge: median, 95 %, longest, s", numbers(times.values(), 1)])
     rows += [
         ["non-finite", report["non_finite"]],
         ["largest energy increase, of V's range", f"{report['max_energy_increase']:.1e}"],
-        ["smallest clearance, m", f"{report['min_clearance_m']:.3f}"],
-        ["starts that touched something", report["starts_that_touched"]],
+        ["smallest clearance, m", "not watched" if touched is None else f"{report['min_clearance_m']:.3f}"],
+        ["starts that touched something", "not watched" if touched is None else touched],
         ["smallest distance to a joint limit, rad", f"{report['min_limit_margin_rad']:.4f}"],
         ["starts that crossed a limit", report["starts_that_crossed_a_limit"]],
         ["fastest joint, rad/s", f"{report['max_joint_speed_rad_s']:.2f}"],

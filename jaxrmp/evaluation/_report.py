@@ -30,7 +30,9 @@ def report(evaluation: Evaluation, skill: Skill, problem: Problem, *, stationary
     """
     kind, track = evaluation.ends.kind, evaluation.outcomes.track
     N = len(kind)
-    touched = track.clearance < 0 if evaluation.engine == "kinematic" else track.touched > 0
+    kinematic = evaluation.engine == "kinematic"
+    touched = track.clearance < 0 if kinematic else track.touched > 0
+    watched = not kinematic or bool(np.isfinite(track.clearance).any())  # else the problem has no distances
     return {
         **_main_figures(evaluation, np.ones(N, bool)),
         "non_finite": int((kind == End.DIVERGED).sum()),
@@ -40,7 +42,7 @@ def report(evaluation: Evaluation, skill: Skill, problem: Problem, *, stationary
         ),
         "limit_stops": _limit_stops(evaluation),
         "min_clearance_m": float(track.clearance.min()),
-        "starts_that_touched": int(touched.sum()),
+        "starts_that_touched": int(touched.sum()) if watched else None,
         # Of these alone the certificate speaks.
         "without_touch": None if touched.all() else _main_figures(evaluation, ~touched),
         "min_limit_margin_rad": float(track.margin.min()),

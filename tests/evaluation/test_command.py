@@ -11,6 +11,7 @@ import pytest
 
 from jaxrmp import ConfigurationError
 from jaxrmp.cli import main
+from jaxrmp.cli._evaluate import summary
 from jaxrmp.evaluation import check_starts, sample_starts, scene_problem
 from jaxrmp.kinematics import ControlPoints, forward_kinematics, panda
 from jaxrmp.learning import (
@@ -90,6 +91,13 @@ def test_every_start_and_end_can_be_saved(report):
     assert (saved["kind"] == 1).mean() == pytest.approx(found["converged"])
     assert saved["error"] == pytest.approx(np.linalg.norm(saved["points"], axis=-1).max(-1))
     assert saved["energy_increase"].max() == pytest.approx(found["max_energy_increase"])
+
+
+def test_what_was_not_watched_is_not_called_clear(report):
+    found, *_ = report
+    assert "not watched" not in summary(found)
+    blind = found | {"min_clearance_m": np.inf, "starts_that_touched": None}
+    assert "smallest clearance      not watched" in summary(blind)
 
 
 def test_the_whole_arm_is_evaluated(report):
