@@ -17,6 +17,7 @@ from ._self_pairs import ignored_by_model, link_of, self_pairs
 _FINENESS = (0.008, 0.015, 0.03, 0.06)  # m, how far spheres may stick out; the first is for hands
 # Spheres, the larger of the two: the first fineness that does with as many is taken, else the last.
 _ENOUGH, _ENOUGH_A_JOINT = 100, 6
+_NAMED = 8  # pairs of links that a warning names
 
 
 def own_spheres(robot: Robot, hand: str | Sequence[str] | None = None) -> RobotSpheres:
@@ -57,13 +58,16 @@ def own_self_pairs(robot: Robot, spheres: RobotSpheres) -> tuple[tuple[int, int]
     """The pairs of `spheres` that must not meet, by `self_pairs` and what the own file of `robot` excludes.
 
     Where two links touch in more than a quarter of random configurations, spheres are too coarse to tell, and would
-    push nearly always: their pairs that touch most often are left out, and a `FileWarning` names the links.
+    push nearly always: their pairs that touch most often are left out, and a `FileWarning` names the links, the first
+    eight of many.
     """
     pairs = self_pairs(robot, spheres.frames, ignored_by_model(robot) if robot.source else None)
     kept = without_mostly_touching(robot, spheres, pairs)
     if left := sorted({f"{spheres.frames[i]} - {spheres.frames[j]}" for i, j in set(pairs) - set(kept)}):
+        more = f" and {len(left) - _NAMED} more pairs of links" if len(left) > _NAMED else ""
         warnings.warn(
-            f"{robot.name!r}: {len(pairs) - len(kept)} pairs of spheres on {', '.join(left)} touch too often to tell, "
+            f"{robot.name!r}: {len(pairs) - len(kept)} pairs of spheres on {', '.join(left[:_NAMED])}{more} touch too "
+            "often to tell, "
             "and are not kept apart. For a finer cover: spheres_from_model(robot, max_error).",
             FileWarning,
             stacklevel=3,
