@@ -37,9 +37,9 @@ def demonstrations(task: str, source: str):
     return find_demonstrations(f"synthetic:{task}" if source == "synthetic" else str(folder))
 
 
-def configuration(task: str, quick: bool = False, method: str = "paper") -> Configuration:
-    """The committed configuration of a task, by a `method` of learning, cut down if `quick`."""
-    settings = load_configuration(CONFIGS / f"{task}.toml", {"method": method})
+def configuration(task: str, quick: bool = False) -> Configuration:
+    """The committed configuration of a task, cut down if `quick`."""
+    settings = load_configuration(CONFIGS / f"{task}.toml")
     if not quick:
         return settings
     potential = replace(settings.potential, widths=(0.04,), basin_starts=50)

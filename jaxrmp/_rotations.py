@@ -6,6 +6,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ._linalg import matmul
+
 
 def rotation_of_quaternion(wxyz: Any) -> Any:
     """The rotation matrices [..., 3, 3] of quaternions (w, x, y, z) [..., 4] of any length but zero."""
@@ -48,10 +50,13 @@ def rotation_of_vector(turn: Any) -> Any:
     return eye + first * K + second * (v[..., None] * v[..., None, :] - square * eye)
 
 
-def nearest_rotation(A: np.ndarray) -> np.ndarray:
+def nearest_rotation(A: Any) -> Any:
     """The rotation matrix nearest to A [3, 3] in least squares."""
-    U, _, Vt = np.linalg.svd(A)
-    return U @ np.diag([1.0, 1.0, np.sign(np.linalg.det(U @ Vt))]) @ Vt
+    xp, A = _module_and_array(A)
+    product = np.matmul if xp is np else matmul
+    U, _, Vt = xp.linalg.svd(A)
+    one = xp.ones((), A.dtype)
+    return product(U * xp.stack([one, one, xp.sign(xp.linalg.det(product(U, Vt)))]), Vt)
 
 
 def pose(position: Any, R: Any) -> np.ndarray:

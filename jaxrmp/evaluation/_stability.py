@@ -30,15 +30,17 @@ def learned_metrics(learned: Learned, points: np.ndarray) -> list[dict[str, floa
     are positive.
     """
     eigenvalues = np.linalg.eigvalsh(np.asarray(_metrics(learned, jnp.asarray(points, jnp.float32)), float))
-    return [
-        {
-            "least_eigenvalue": float(e.min()),
-            "largest_eigenvalue": float(e.max()),
-            "positive_definite_share": float((e[:, 0] > 0).mean()),
-            "points": len(e),
-        }
-        for e in np.moveaxis(eigenvalues, 1, 0)
-    ]
+    return [_spectrum(e) for e in np.moveaxis(eigenvalues, 1, 0)]
+
+
+def _spectrum(eigenvalues: np.ndarray) -> dict[str, float]:
+    """What a report says of a metric's eigenvalues [N, m] at N points."""
+    return {
+        "least_eigenvalue": float(eigenvalues.min()),
+        "largest_eigenvalue": float(eigenvalues.max()),
+        "positive_definite_share": float((eigenvalues > 0).all(axis=1).mean()),
+        "points": len(eigenvalues),
+    }
 
 
 def flow_metrics(skill: Skill, robot: Robot, q: np.ndarray) -> dict[str, Any]:
@@ -55,12 +57,7 @@ def flow_metrics(skill: Skill, robot: Robot, q: np.ndarray) -> dict[str, Any]:
     eigenvalues = float(motion.attractor.weight) * stretches(motion.flow, x) ** 2
     goal = stretches(motion.flow, np.zeros_like(x[:1]))[0] ** 2 * float(motion.attractor.speed)
     return {
-        "metric": {
-            "least_eigenvalue": float(eigenvalues.min()),
-            "largest_eigenvalue": float(eigenvalues.max()),
-            "positive_definite_share": float((eigenvalues > 0).all(1).mean()),
-            "points": len(x),
-        },
+        "metric": _spectrum(eigenvalues),
         "goal": {
             "slope": float(np.linalg.norm(motion.flow(jnp.zeros(x.shape[1], x.dtype)))),
             "hessian_eigenvalues": np.sort(goal / float(motion.attractor.taper)).tolist(),

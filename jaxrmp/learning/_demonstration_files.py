@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from .._errors import DemonstrationError
-from .._files import names_in_npz, read_npz
+from .._files import names_in_npz
 from .._rotations import pose
-from ._demonstration_tables import read_table
+from ._demonstration_tables import read_arrays, read_table
 from ._demonstrations import JOINT_UNITS, Demonstration, DemonstrationSet, check_demonstration, check_poses
 from ._recording import RecordingSettings, chosen_episodes, name_columns, stated
 
@@ -177,12 +177,7 @@ def _units(meta: dict[str, Any], file: Path) -> str:
 
 
 def _read_npz(file: Path, joint_names: tuple[str, ...] | None) -> tuple[Demonstration, tuple[str, ...]]:
-    try:
-        arrays = read_npz(file)
-    except (OSError, ValueError) as error:
-        raise DemonstrationError(
-            f"{file} is not readable as an NPZ file of plain arrays: {error}. Write it with numpy.savez."
-        ) from error
+    arrays = read_arrays(file)
     absent = [key for key in ("time", "joint_positions") if key not in arrays]
     if absent:
         raise DemonstrationError(f"{file} has no array {absent[0]!r}; it has {sorted(arrays)}.")

@@ -1,4 +1,4 @@
-"""A demonstration as a CSV table: a header, then one line per sample."""
+"""What demonstrations are read from: CSV tables, a header, then one line per sample; and the arrays of NPZ files."""
 
 import csv
 from collections.abc import Mapping
@@ -7,10 +7,21 @@ from pathlib import Path
 import numpy as np
 
 from .._errors import DemonstrationError, RigidTransformError
+from .._files import read_npz
 from .._rotations import pose, rotation_of_quaternion
 from ._demonstrations import Demonstration
 
 _POSE = ("_x", "_y", "_z", "_qw", "_qx", "_qy", "_qz")
+
+
+def read_arrays(file: Path) -> dict[str, np.ndarray]:
+    """The arrays of an NPZ file by name. **Raises** `DemonstrationError`, naming the file, for one that is no such."""
+    try:
+        return read_npz(file)
+    except (OSError, ValueError) as error:
+        raise DemonstrationError(
+            f"{file} is not readable as an NPZ file of plain arrays: {error}. Write it with numpy.savez."
+        ) from error
 
 
 def read_table(file: Path, joint_names: tuple[str, ...] | None) -> tuple[Demonstration, tuple[str, ...]]:

@@ -10,6 +10,7 @@ import numpy as np
 
 from .._linalg import cholesky_solve, einsum, matmul
 from .._pytree import pytree, single, static
+from .._rotations import nearest_rotation
 from .._task_map import Pushforward, RigidTransform, TaskMap, Translation, compose, pushforward
 from .._tree import Node, Sum, on_coordinates, pullback
 from ..kinematics import ControlPoints, Robot
@@ -90,9 +91,7 @@ class HandFlow:
         if not self.turned:
             return targets
         a, b = jnp.asarray(offsets), jnp.asarray(targets, jnp.asarray(offsets).dtype)
-        spread = matmul((b - b.mean(0)).T, a - a.mean(0))
-        U, _, Vt = jnp.linalg.svd(spread)
-        R = matmul(U * jnp.array([1.0, 1.0, jnp.sign(jnp.linalg.det(matmul(U, Vt)))], a.dtype), Vt)
+        R = nearest_rotation(matmul((b - b.mean(0)).T, a - a.mean(0)))
         return matmul(self.offsets - a.mean(0), R.T) + b.mean(0)
 
     def with_gains(self, speed: float, damping_rate: float) -> "HandFlow":

@@ -14,7 +14,7 @@ from ..kinematics import Robot
 from ..leaves import Learned
 from ._configuration import Configuration
 from ._demonstrations import DemonstrationSet
-from ._families import families
+from ._families import Families, families
 from ._flow_training import FlowFit
 from ._hand_flow import HandFlow
 from ._learn_flow import FlowLearning, learn_flow
@@ -30,12 +30,13 @@ _GOAL, _RISE = 1.0, 1e-3  # cm, and relative: what a reproduction may miss the g
 
 
 class Learning(NamedTuple):
-    """A learned `skill` and how it was learned: from `prepared` demonstrations, by the `paper`'s steps or a `flow`, the
-    other None; its `reproduction` of them, if it was needed to judge it, else None; `why` that method, in words where
-    it was chosen; and `seconds` by step."""
+    """A learned `skill` and how it was learned: from `prepared` demonstrations, whose `agreement` is what `families`
+    finds; by the `paper`'s steps or a `flow`, the other None; its `reproduction` of them, if it was needed to judge it,
+    else None; `why` that method, in words where it was chosen; and `seconds` by step."""
 
     skill: Skill
     prepared: PreparedDemonstrations
+    agreement: Families
     paper: PaperLearning | None
     flow: FlowLearning | None
     reproduction: Reproduction | None
@@ -81,8 +82,9 @@ def learn(
 
     progress("preprocessing", 0.0)
     prepared = prepare(configuration, robot, demonstrations)
-    if not (found := families(prepared.points)).agree:
-        warnings.warn(f"{demonstrations.source}: {found}", FileWarning, stacklevel=2)
+    agreement = families(prepared.points)
+    if not agreement.agree:
+        warnings.warn(f"{demonstrations.source}: {agreement}", FileWarning, stacklevel=2)
     lap("preprocessing")
     why = "asked for"
     if configuration.method != "paper":
@@ -99,7 +101,7 @@ def learn(
             lap("gate")
             _check(reproduction)
             why = "asked for" if configuration.method == "flow" else "it passes all checks"
-            return Learning(skill, prepared, None, flow, reproduction, why, seconds)
+            return Learning(skill, prepared, agreement, None, flow, reproduction, why, seconds)
         except JaxrmpError as error:
             if configuration.method == "flow":
                 raise
@@ -110,7 +112,7 @@ def learn(
     paper = learn_paper(configuration, prepared.subtasks, progress)
     lap("paper")
     skill = _skill(configuration, robot, demonstrations, prepared, paper.learned, None)
-    return Learning(skill, prepared, paper, None, None, why, seconds)
+    return Learning(skill, prepared, agreement, paper, None, None, why, seconds)
 
 
 def _skill(

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from .._errors import DemonstrationError, importing
-from .._files import names_in_npz, read_npz
-from ._demonstration_tables import read_numbers
+from .._files import names_in_npz
+from ._demonstration_tables import read_arrays, read_numbers
 from ._recording import in_natural_order
 
 _NAMES = ("positions", "position", "pos")
@@ -34,10 +34,7 @@ def load_paths(path: str | os.PathLike) -> tuple[np.ndarray, ...]:
     if path.is_dir():
         found = {file.name: _of_table(file) for file in sorted(path.glob("*.csv"), key=in_natural_order)}
     elif kind == ".npz":
-        try:
-            arrays = read_npz(path)
-        except ValueError as error:
-            raise DemonstrationError(f"{path} is not readable as an NPZ file of plain arrays: {error}.") from error
+        arrays = read_arrays(path)
         keys = [key for key in arrays if key.startswith(_NAMES)] or list(arrays)
         found = {key: arrays[key] for key in sorted(keys, key=in_natural_order)}
     elif kind == ".mat":

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from .._errors import DemonstrationError, FileWarning, RigidTransformError
-from .._files import names_in_npz, read_npz
+from .._files import names_in_npz
 from ._demonstration_files import numbered_files, read_meta
-from ._demonstration_tables import object_poses, read_numbers
+from ._demonstration_tables import object_poses, read_arrays, read_numbers
 from ._pose_demonstrations import PoseDemonstration, PoseDemonstrationSet
 from ._recording import METRES, QUATERNIONS, RecordingSettings, chosen_episodes, in_natural_order, stated
 
@@ -94,7 +94,7 @@ def is_poses(path: Path) -> bool:
 
 
 def _all_in_one(path: Path, recording: RecordingSettings) -> list[tuple[int, tuple[Any, ...]]]:
-    arrays = _npz(path)
+    arrays = read_arrays(path)
     keys = sorted((key for key in arrays if key.startswith("positions_")), key=in_natural_order)
     by_number = {int(key[10:]): arrays[key] for key in keys if key[10:].isdigit()}
     if not by_number:
@@ -108,7 +108,7 @@ def _all_in_one(path: Path, recording: RecordingSettings) -> list[tuple[int, tup
 
 
 def _arrays(file: Path) -> tuple[Any, ...]:
-    arrays = _npz(file)
+    arrays = read_arrays(file)
     named = [next((arrays[n] for n in names if n in arrays), None) for names in (_POSITION, _QUATERNION)]
     if any(a is None for a in named):
         raise DemonstrationError(f"{file} has {sorted(arrays)}, expected positions and quaternions. {_LAYOUT}")
@@ -123,10 +123,3 @@ def _table(file: Path) -> tuple[Any, ...]:
     position, quaternion = (np.stack([column[c] for c in part], axis=1) for part in (_HEADER[:3], _HEADER[3:]))
     poses, _ = object_poses(file, column)
     return column.get("time"), position, quaternion, "wxyz", poses
-
-
-def _npz(file: Path) -> dict[str, np.ndarray]:
-    try:
-        return read_npz(file)
-    except (OSError, ValueError) as error:
-        raise DemonstrationError(f"{file} is not readable as an NPZ file of plain arrays: {error}.") from error

@@ -3,7 +3,6 @@
 from dataclasses import asdict
 from typing import Any
 
-from ._families import families
 from ._flow_training import FlowFit
 from ._learn import Learning
 from ._learn_paper import PaperLearning
@@ -23,7 +22,6 @@ def learning_report(learning: Learning) -> dict[str, Any]:
     """
     prepared, paper = learning.prepared, learning.paper
     spread = end_spread(prepared.points)
-    agreement = families(prepared.points)
     subtasks = [] if paper is None else [_subtask(paper, k, name) for k, name in enumerate(learning.skill.subtasks)]
     demonstrations = [
         {**report._asdict(), "end_spread": [float(v) for v in spread[i]]}
@@ -38,7 +36,7 @@ def learning_report(learning: Learning) -> dict[str, Any]:
         "flow": None if learning.flow is None else _flow(learning.flow.fit),
         "subtasks": subtasks,
         "demonstrations": demonstrations,
-        "families": {**asdict(agreement), "text": str(agreement)},
+        "families": {**asdict(learning.agreement), "text": str(learning.agreement)},
         "seconds": learning.seconds,
     }
 

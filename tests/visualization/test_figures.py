@@ -20,6 +20,7 @@ from jaxrmp.learning import (
     Reproduction,
     Skill,
     Subtask,
+    families,
     initial_cholesky_factor,
     subtask_trajectories,
 )
@@ -109,7 +110,7 @@ def learning():
     )
     choices = tuple(PotentialChoice(fit, trials[1], trials) for fit in fits)
     paper = PaperLearning(skill.learned, (nominal,) * 2, choices, MetricFit(factors, losses, 0.0, 0.0))
-    return Learning(skill, demonstrations, paper, None, None, "asked for", {})
+    return Learning(skill, demonstrations, families(demonstrations.points), paper, None, None, "asked for", {})
 
 
 @pytree
