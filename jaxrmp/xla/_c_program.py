@@ -25,6 +25,7 @@ _LEAST = 4  # coordinates from which on a loop is worth it
 _SMALL = 16  # entries of an array that is taken apart, and operations of a product or a sum
 _FLAT_MOST = 3000
 _BLOCKS = 64  # of a product with zeros
+_MOST_STEPS = 64  # of a scan, which are written one after the other
 _UNTOLD = np.iinfo(np.int64).min
 _MOST_SINGLE = 20000  # statements: compilers take more than proportionally long
 _MOST_KNOWN, _MOST_WRITTEN = 65536, 1024  # numbers of a constant whose values are looked at, and that are written out
@@ -154,6 +155,8 @@ class _Program(Builder):
                 raise NotScalar("holds `gather` by indices that are computed")
             starts = np.array([self.known(p) for p in operands[1].reshape(-1)], dtype=int).reshape(operands[1].shape)
             return [gathered(parameters, operands[0], starts)]
+        if name == "scan":
+            return self._scanned(parameters, operands)
         if name == "unstack":
             return list(np.moveaxis(operands[0], parameters["axis"], 0))
         types = [v.aval.dtype for v in (*equation.invars, *equation.outvars)]
@@ -168,6 +171,21 @@ class _Program(Builder):
         if (name in _OF_NUMBERS and any(truth)) or (name == "select_n" and (not truth[0] or len(operands) != 3)):
             raise NotScalar(f"holds `{name}` of {', '.join(map(str, types))}")
         return super()._equation(equation, operands)
+
+    def _scanned(self, parameters, operands) -> list[np.ndarray]:
+        """A scan of few steps, one after the other: the layers of a network."""
+        steps, closed = parameters["length"], parameters["jaxpr"]
+        if steps > _MOST_STEPS:
+            raise NotScalar(f"holds `scan` of {steps:,} steps")
+        fixed, carried = parameters["num_consts"], parameters["num_consts"] + parameters["num_carry"]
+        carry, rows = operands[fixed:carried], []
+        for k in reversed(range(steps)) if parameters["reverse"] else range(steps):
+            arguments = [*operands[:fixed], *carry, *(x[k] for x in operands[carried:])]
+            found = self.run(closed.jaxpr, [self.numbers(c) for c in closed.consts], arguments)
+            carry = found[: len(carry)]
+            rows.append(found[len(carry) :])
+        rows = rows[::-1] if parameters["reverse"] else rows
+        return [*carry, *map(np.stack, zip(*rows, strict=True))]
 
     def _converted(self, primitive, places, old, new) -> np.ndarray:
         if old == new:
