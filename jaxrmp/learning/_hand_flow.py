@@ -2,13 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._linalg import cholesky_solve, einsum, matmul
+from .._linalg import einsum, matmul
 from .._pytree import pytree, single, static
 from .._rotations import nearest_rotation
 from .._task_map import Pushforward, RigidTransform, TaskMap, Translation, compose, pushforward
@@ -122,55 +121,55 @@ def hand_points(frames: tuple[str, ...], offsets: np.ndarray, circumradius: floa
 
 
 def hand_flow(
-    robot: Robot,
-    frames: tuple[str, ...],
     flow: Flow,
     points: tuple[np.ndarray, bool],
     targets: np.ndarray,
-    postures: np.ndarray,
     end: np.ndarray,
     settings: FlowSettings,
     policy: PolicySettings,
 ) -> HandFlow:
-    """A `HandFlow` of a trained `flow`, in single precision.
+    """A `HandFlow` of a trained `flow`; its leaves on the joints are nowhere yet, which `along_ways` mends.
 
-    **Arguments**: `frames`, of the points; `points`, by `hand_points`; their `targets` [P, 3]; `postures` [S, n] along
-    the ways that it leads, and `end` [n], where they end, rad or m.
+    **Arguments**: `points`, by `hand_points`; their `targets` [P, 3]; `end` [n], where joints end, rad or m.
     """
     offsets, turned = points
-    at = np.concatenate([postures, end[None]])
-    hands, moves = _hands(ControlPoints(robot, frames, offsets), at)
     gains = {"speed": policy.speed, "damping_rate": policy.damping_rate, "weight": settings.weight}
     joints = {"speed": _PACE * policy.speed, "damping_rate": policy.damping_rate}
     radii = {"inner": settings.inner, "outer": settings.outer}
-    funnel = Funnel(postures, settings.funnel, **radii, **joints) if settings.funnel else None
-    posture = Funnel(end[None], 0.0, settings.posture, **joints, name="posture") if settings.posture else None
+    nowhere = np.zeros((1, len(end)))
+    funnel = Funnel(nowhere, np.zeros(1), settings.funnel, **radii, **joints) if settings.funnel else None
+    posture = Funnel(end[None], 0.0, 0.0, settings.posture, **joints, name="posture") if settings.posture else None
     attractor = CruisingAttractor(np.zeros(offsets.size), **gains, name="learned")
-    return single(HandFlow(flow, attractor, funnel, posture, offsets, targets, hands, moves, turned))
+    moves = np.zeros((2, len(end), offsets.size))
+    return HandFlow(flow, attractor, funnel, posture, offsets, targets, np.zeros((2, *offsets.shape)), moves, turned)
 
 
-def postures_of(robot: Robot, task_map: TaskMap, rays: np.ndarray, seeds: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """Postures [T, n] of `robot` at points [T, m] of each of `rays` of a space, each near its posture in `seeds`.
+def along_ways(
+    motion: HandFlow,
+    robot: Robot,
+    frames: tuple[str, ...],
+    ways: Sequence[np.ndarray],
+    poses: Sequence[np.ndarray],
+    T: np.ndarray,
+    lead: float,
+) -> HandFlow:
+    """`motion`, in single precision, with its funnel along `ways`, postures [T, n] each, in the order of motion.
 
-    Ten damped Gauss-Newton steps, within the limits; a point out of reach gives the nearest.
+    **Arguments**: `robot` and `frames`, the skill's; `poses`, where the object was on each way [4, 4], and `T`, where
+    the skill has it, to which the postures follow it; `lead`, see `FlowSettings`.
     """
-    return [
-        np.asarray(_inverse(robot, task_map, jnp.asarray(y), jnp.asarray(q))) for y, q in zip(rays, seeds, strict=True)
-    ]
-
-
-@jax.jit
-@partial(jax.vmap, in_axes=(None, None, 0, 0))
-def _inverse(robot: Robot, task_map: TaskMap, y: jax.Array, q: jax.Array) -> jax.Array:
-    q, y = q.astype(jnp.float32), y.astype(jnp.float32)
-
-    def step(q, _):
-        there = task_map.pushforward(q, jnp.zeros_like(q))
-        A = matmul(there.J, there.J.T) + _DAMPING**2 * jnp.eye(len(y))
-        q = q + matmul(there.J.T, cholesky_solve(A, y - there.y))
-        return jnp.clip(q, jnp.asarray(robot.lower, q.dtype), jnp.asarray(robot.upper, q.dtype)), None
-
-    return jax.lax.scan(step, q, length=10)[0]
+    points = ControlPoints(robot, frames[:1] * len(motion.offsets) if motion.turned else frames, motion.offsets)
+    followed, left = [], []
+    for way, pose in zip(ways, poses, strict=True):
+        hands, moves = _hands(points, way)
+        followed.append(np.asarray(_followed(jnp.asarray(way), hands, moves, pose, T), float))
+        steps = np.linalg.norm(np.diff(way, axis=0), axis=1)
+        left.append(lead * np.append(np.cumsum(steps[::-1])[::-1], 0.0))
+    postures = np.concatenate(followed)
+    end = followed[0][-1:] if motion.posture is None else np.asarray(motion.posture.postures, float)
+    hands, moves = _hands(points, np.concatenate([postures, end]))
+    funnel = motion.funnel and replace(motion.funnel, postures=postures, left=np.concatenate(left))
+    return single(replace(motion, funnel=funnel, hands=hands, moves=moves))
 
 
 def _hands(points: ControlPoints, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

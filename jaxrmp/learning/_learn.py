@@ -17,7 +17,7 @@ from ._demonstrations import DemonstrationSet
 from ._families import Families, families
 from ._flow_training import FlowFit
 from ._hand_flow import HandFlow
-from ._learn_flow import FlowLearning, learn_flow
+from ._learn_flow import FlowLearning, learn_flow, led_along
 from ._learn_paper import PaperLearning, learn_paper
 from ._prepare import PreparedDemonstrations, control_point_frames, demonstrated_end, prepare
 from ._reproduce import Reproduction, reproduce
@@ -93,11 +93,12 @@ def learn(
             lap("flow")
             _check_stretch(flow.fit)
             skill = _skill(configuration, robot, demonstrations, prepared, None, flow.motion)
-            progress("reproducing", 0.0)
             longest = max(np.linalg.norm(np.diff(path, axis=0), axis=1).sum() for path in flow.paths)
-            reproduction = reproduce(
-                skill, robot, prepared, duration=max(20.0, 3 * longest / configuration.policy.speed)
-            )
+            duration = max(20.0, 3 * longest / configuration.policy.speed)
+            progress("reproducing", 0.0)
+            skill = _led_along_its_own_ways(skill, robot, prepared, duration)
+            progress("reproducing", 0.5)
+            reproduction = reproduce(skill, robot, prepared, duration=duration)
             lap("gate")
             _check(reproduction)
             why = "asked for" if configuration.method == "flow" else "it passes all checks"
@@ -141,6 +142,26 @@ def _skill(
         robot_fingerprint=robot.fingerprint,
         source=demonstrations.source,
     )
+
+
+def _led_along_its_own_ways(skill: Skill, robot: Robot, prepared: PreparedDemonstrations, duration: float) -> Skill:
+    """The skill with its leaves on the joints where it goes itself from where the demonstrations began.
+
+    Joints of a redundant arm go other ways than demonstrated, and the way of the whole policy, which ends at the goal,
+    is one on which nothing pulls out of the funnel's tube. Where it ends, the hand is at the goal, as it is not at the
+    mean of demonstrated postures: a pull there does not move it.
+    """
+    motion = skill.flow
+    assert motion is not None  # by a flow
+    free = motion
+    if motion.funnel is not None:
+        free = replace(motion, funnel=replace(motion.funnel, weight=jnp.zeros_like(motion.funnel.weight)))
+    rollouts = reproduce(replace(skill, flow=free), robot, prepared, duration=duration, own_targets=False).rollouts
+    ways = [q.astype(float) for q in rollouts.q]
+    if motion.posture is not None:
+        ends = np.mean([way[-1] for way in ways], axis=0, keepdims=True).astype(np.float32)
+        motion = replace(motion, posture=replace(motion.posture, postures=ends))
+    return replace(skill, flow=led_along(motion, skill.configuration, robot, ways, prepared.poses))
 
 
 def _check_stretch(fit: FlowFit) -> None:

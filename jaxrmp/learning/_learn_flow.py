@@ -1,6 +1,6 @@
 """From demonstrations to a flow of the whole hand."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -8,8 +8,8 @@ import numpy as np
 from ..kinematics import Robot
 from ._arc_length import resample_by_arc_length
 from ._configuration import Configuration
-from ._flow_training import FlowFit, rays, train_flow
-from ._hand_flow import HandFlow, hand_flow, hand_points, postures_of, stacked_points
+from ._flow_training import FlowFit, train_flow
+from ._hand_flow import HandFlow, along_ways, hand_flow, hand_points
 from ._prepare import PreparedDemonstrations, control_point_frames, control_points, in_frame
 from ._skill import mean_pose, rigid_targets
 
@@ -18,7 +18,7 @@ _TUBE = 25  # postures of the funnel along each way
 
 
 class FlowLearning(NamedTuple):
-    """A `motion` for a skill and how its flow was trained, `fit`; `paths`, N arrays [T, m], what it was trained on: the
+    """A `motion` for a skill, its funnel along the demonstrations, and how its flow was trained, `fit`; `paths`, N arrays [T, m], what it was trained on: the
     hand's points less their ends, stacked, m."""
 
     motion: HandFlow
@@ -32,7 +32,7 @@ def learn_flow(
     prepared: PreparedDemonstrations,
     progress: Callable[[str, float], None],
 ) -> FlowLearning:
-    """One flow of the whole hand from `prepared` demonstrations, and a funnel along the ways that it leads.
+    """One flow of the whole hand from `prepared` demonstrations, and a funnel along the demonstrations.
 
     **Arguments**: `configuration`, whose section `flow` counts; its `robot`; `prepared`, by `prepare`; `progress`,
     called with the name of the step and the fraction of it that is done. **Returns** a `FlowLearning`.
@@ -57,13 +57,19 @@ def learn_flow(
         configuration.seed,
         lambda done, loss: progress("flow", done / settings.updates),
     )
-    left = np.linspace(1.0, 0.0, _TUBE, dtype=np.float32)
-    ways = np.asarray(rays(fit.flow, np.stack([path[0] for path in paths]).astype(np.float32), left))
-    seeds = [resample_by_arc_length(q, _TUBE) for q in prepared.joints.q]
-    tube = np.concatenate(postures_of(robot, stacked_points(robot, frames, offsets, T, targets), ways, seeds))
     end = np.mean([q[-1] for q in prepared.joints.q], axis=0)
-    motion = hand_flow(robot, frames, fit.flow, points, targets, tube, end, settings, configuration.policy)
+    motion = hand_flow(fit.flow, points, targets, end, settings, configuration.policy)
+    motion = led_along(motion, configuration, robot, prepared.joints.q, prepared.poses)
     return FlowLearning(motion, fit, paths)
+
+
+def led_along(
+    motion: HandFlow, configuration: Configuration, robot: Robot, ways: Sequence[np.ndarray], poses: np.ndarray
+) -> HandFlow:
+    """`motion` with its funnel along `ways` [T, n] each, where the object was at `poses` [N, 4, 4]."""
+    frames, _ = control_point_frames(configuration)
+    resampled = [resample_by_arc_length(way, _TUBE) for way in ways]
+    return along_ways(motion, robot, frames, resampled, poses, mean_pose(poses), configuration.flow.lead)
 
 
 def _stacked(points: np.ndarray) -> np.ndarray:

@@ -82,11 +82,22 @@ def reproduce(
 
 def rollouts_of(trees: Sequence[Node], starts: np.ndarray, duration: float = 20.0, dt: float = 0.005) -> Rollout:
     """Rollouts of N like `trees`, each from one of `starts` [N, n] at rest, with a leading axis of N."""
-    stacked = jax.tree.map(lambda *parameters: jnp.asarray(np.stack(parameters), jnp.float32), *trees)
-    found = _rollouts(stacked, jnp.asarray(starts, jnp.float32), duration=duration, dt=dt)
+    structure = jax.tree.structure(trees[0])
+    columns = zip(*(map(np.asarray, jax.tree.leaves(tree)) for tree in trees), strict=True)
+    # What all have in common is no batch, but the same numbers for all.
+    parts = [column[0] if all(np.array_equal(column[0], a) for a in column) else np.stack(column) for column in columns]
+    axes = tuple(
+        None if part.ndim == np.ndim(a) else 0 for part, a in zip(parts, jax.tree.leaves(trees[0]), strict=True)
+    )
+    parts = [jnp.asarray(part, jnp.float32) for part in parts]
+    starts = jnp.asarray(starts, jnp.float32)
+    found = _rollouts(parts, starts, structure=structure, axes=axes, duration=duration, dt=dt)
     return jax.tree.map(np.asarray, found)
 
 
-@partial(jax.jit, static_argnames=("duration", "dt"))
-def _rollouts(trees: Node, start: jax.Array, *, duration: float, dt: float) -> Rollout:
-    return jax.vmap(partial(rollout, duration=duration, dt=dt))(trees, start)
+@partial(jax.jit, static_argnames=("structure", "axes", "duration", "dt"))
+def _rollouts(parts, start: jax.Array, *, structure, axes, duration: float, dt: float) -> Rollout:
+    def one(parts, q):
+        return rollout(jax.tree.unflatten(structure, parts), q, duration=duration, dt=dt)
+
+    return jax.vmap(one, in_axes=(list(axes), 0))(parts, start)

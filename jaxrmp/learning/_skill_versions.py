@@ -7,7 +7,7 @@ import numpy as np
 from .._errors import SkillFileError
 from .._rotations import nearest_rotation
 
-VERSION = 5
+VERSION = 6
 
 
 class SkillContent(NamedTuple):
@@ -28,7 +28,7 @@ def up_to_date(content: SkillContent) -> SkillContent:
             f"it is of version {version!r}; this jaxrmp reads versions 1 to {VERSION}. It was written by jaxrmp "
             f"{content.header.get('jaxrmp', 'unknown')}: use that or a newer one, or learn the skill again."
         )
-    for migrate in (_from_1_to_2, _from_2_to_3, _from_3_to_4, _from_4_to_5)[version - 1 :]:
+    for migrate in (_from_1_to_2, _from_2_to_3, _from_3_to_4, _from_4_to_5, _from_5_to_6)[version - 1 :]:
         content = migrate(content)
     return content
 
@@ -78,3 +78,14 @@ def _from_4_to_5(content: SkillContent) -> SkillContent:
     """A skill says by which method it was learned; before there was a flow, by the paper's."""
     header = content.header | {"flow": None, "configuration": {"method": "paper"} | content.header["configuration"]}
     return SkillContent(header, content.arrays)
+
+
+def _from_5_to_6(content: SkillContent) -> SkillContent:
+    """Funnels lead along their postures, too; an earlier one led to the nearest of them alone."""
+    header, arrays = content
+    if header["flow"] is None:
+        return content
+    added = {f"{leaf}/left": np.float32(0.0) for leaf in ("funnel", "posture") if f"{leaf}/postures" in arrays}
+    softness = {name: np.float32(0.05) for name in arrays if name.endswith("/softness")}  # no longer of squares
+    flow = {**header["configuration"].get("flow", {}), "lead": 0.0}
+    return SkillContent(header | {"configuration": header["configuration"] | {"flow": flow}}, arrays | added | softness)

@@ -46,10 +46,11 @@ def test_the_well_of_cruising_is_the_integral_of_its_pull(x64):
 
 
 def test_a_funnel_is_nothing_inside_and_certified_everywhere(x64, assert_certified, assert_smooth):
-    leaf = Funnel(jnp.asarray(PATH), weight=2.0, inner=0.3, outer=0.9)
+    left = np.linspace(1.1, 0, len(PATH))
+    leaf = Funnel(jnp.asarray(PATH), jnp.asarray(left), weight=2.0, inner=0.3, outer=0.9)
     x, xd = states(1.2)
     faint = replace(leaf, within=0.1)
-    for funnel in (leaf, faint):
+    for funnel in (leaf, faint, replace(leaf, left=0.0)):
         assert_certified(funnel + Damping(1e-3), jnp.asarray(x), jnp.asarray(xd))
     assert_smooth(faint, jnp.asarray(x[:5]), jnp.asarray(xd[:5]))
     assert_smooth(leaf, jnp.asarray(x[:5]), jnp.asarray(xd[:5]))
@@ -65,7 +66,7 @@ def test_the_well_of_a_funnel_is_the_integral_of_its_share(x64):
     share = lambda d: float(leaf.metric(jnp.array([d]), jnp.zeros(1))[0, 0]) / 2.0  # noqa: E731
     for d in (0.2, 0.4, 0.7, 1.0, 2.0):
         well, _ = quad(share, 0, d, limit=200)
-        np.testing.assert_allclose(leaf.potential(jnp.array([d])), 2.0 * 0.5 * 3.0 * well, rtol=1e-6, atol=1e-12)
+        np.testing.assert_allclose(leaf.potential(jnp.array([d])), 2.0 * 0.5 * 3.0 * well, rtol=1e-4, atol=1e-12)
 
 
 def test_a_funnel_leads_back_into_its_tube_from_everywhere():
@@ -73,6 +74,19 @@ def test_a_funnel_leads_back_into_its_tube_from_everywhere():
     start = jnp.asarray(np.random.default_rng(1).uniform(-3, 3, (20, 3)), jnp.float32)
     end = jax.vmap(lambda q: rollout(leaf + Damping(1e-3, 5.0), q, duration=8.0, dt=0.005).q[-1])(start)
     assert float(jax.vmap(leaf.distance)(end).max()) < 0.35
+
+
+def test_a_funnel_that_leads_goes_along_its_way_where_something_pulls_out_of_it():
+    way = np.linspace([0.0, 0.0], [2.0, 0.0], 40)
+    aside = CruisingAttractor(np.array([0.0, -4.0]), speed=1.0)
+    start = jnp.asarray(np.random.default_rng(1).uniform([-1.0, -1.0], [0.5, 1.0], (20, 2)), jnp.float32)
+    ends = []
+    for left in (0.0, np.linspace(2.0, 0.0, 40)):
+        tree = aside + Funnel(way, left, weight=3.0)
+        ends.append(jax.vmap(lambda q, tree=tree: rollout(tree, q, duration=20.0, dt=0.005).q[-1])(start))
+    at_rest, led = np.asarray(ends)
+    assert (np.abs(at_rest[:, 0]) < 0.4).all() and (led[:, 0] > 1.9).all()
+    assert (np.abs(led[:, 1]) < 0.8).all()
 
 
 def test_a_funnel_says_what_it_must_be():
