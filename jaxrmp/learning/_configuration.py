@@ -84,10 +84,9 @@ class FlowSettings:
     space near the demonstrations; `identity`, to leave space as it is far from them; `circumradius`, m, of the triangle
     of points that stands for the hand: what its turn counts for; `weight`, the metric of the policy.
 
-    `funnel`: 0 for none, else the metric of the leaf that leads joints back to the ways from demonstrated starts; `inner`
-    and `outer`, rad, where it begins and where it is whole; `lead`, how strongly it leads along them, beside towards
-    them. `posture`: the metric of a faint pull to the joints'
-    demonstrated end, which settles what the hand leaves open."""
+    `funnel`: 0 for none, else the metric of the leaf that leads joints back to the ways from demonstrated starts;
+    `inner` and `outer`, rad, where it begins and where it is whole; `lead`, how strongly it leads along them, beside
+    towards them. `posture`: the metric of a faint pull to where joints end, which settles what the hand leaves open."""
 
     couplings: Positive[int] = 12
     hidden: Positive[int] = 32

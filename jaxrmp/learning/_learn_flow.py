@@ -18,8 +18,8 @@ _TUBE = 25  # postures of the funnel along each way
 
 
 class FlowLearning(NamedTuple):
-    """A `motion` for a skill, its funnel along the demonstrations, and how its flow was trained, `fit`; `paths`, N arrays [T, m], what it was trained on: the
-    hand's points less their ends, stacked, m."""
+    """A `motion` for a skill, its funnel along the demonstrations, and how its flow was trained, `fit`; `paths`, N
+    arrays [T, m], what it was trained on: the hand's points less their ends, stacked, m."""
 
     motion: HandFlow
     fit: FlowFit

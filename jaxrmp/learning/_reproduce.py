@@ -89,9 +89,10 @@ def rollouts_of(trees: Sequence[Node], starts: np.ndarray, duration: float = 20.
     axes = tuple(
         None if part.ndim == np.ndim(a) else 0 for part, a in zip(parts, jax.tree.leaves(trees[0]), strict=True)
     )
-    parts = [jnp.asarray(part, jnp.float32) for part in parts]
-    starts = jnp.asarray(starts, jnp.float32)
-    found = _rollouts(parts, starts, structure=structure, axes=axes, duration=duration, dt=dt)
+    single = [jnp.asarray(part, jnp.float32) for part in parts]
+    found = _rollouts(
+        single, jnp.asarray(starts, jnp.float32), structure=structure, axes=axes, duration=duration, dt=dt
+    )
     return jax.tree.map(np.asarray, found)
 
 
