@@ -148,7 +148,7 @@ class Configuration:
     base: str = "world"
     object: str = ""
     seed: int = 0
-    method: Method = "paper"
+    method: Method = "auto"
     recording: RecordingSettings = RecordingSettings()
     preprocessing: PreprocessingSettings = PreprocessingSettings()
     target: TargetSettings = TargetSettings()

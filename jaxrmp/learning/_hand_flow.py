@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._linalg import einsum, matmul
+from .._linalg import einsum, length, matmul
 from .._pytree import pytree, single, static
 from .._rotations import nearest_rotation
 from .._task_map import Pushforward, RigidTransform, TaskMap, Translation, compose, pushforward
@@ -19,6 +19,8 @@ from ._flow import Flow
 
 _DAMPING = 0.02  # of inverse kinematics, m (and rad), so that near a singularity joints stay where they are
 _PACE = 5.0  # rad/m: how fast the funnel moves joints, by the hand's speed
+_LEVER = 0.8  # of a triangle's radius: how far its corners are from axes in its plane and across, in the mean
+_EDGE = 0.38  # cosine of half the largest turn that counts in full, 135 degrees
 _MARGIN = 0.05  # rad or m that moved postures keep from limits
 
 
@@ -36,6 +38,36 @@ class Stacked(TaskMap):
         y, yd, J, c = pushforward(self.points, x, xd)
         k = len(y) ** -0.5
         return Pushforward(k * y.reshape(-1), k * yd.reshape(-1), k * J.reshape(-1, J.shape[-1]), k * c.reshape(-1))
+
+
+@pytree
+class HandPose(TaskMap):
+    """Where a rigid hand is and how it is turned [6], m, from the stacked points [9] of a triangle on it.
+
+    First the middle of the triangle, less that of `targets` [3, 3], m; then its turn away from theirs by an angle, as
+    a vector along the axis, four times the tangent of a quarter of the angle, times `_LEVER` of the triangle's radius.
+    Beyond 135 degrees that is led back, smoothly, to zero at 180: there the turn does not count, so that energies have
+    no step where an axis changes its sign. `Stacked` says how far the points are from the `targets`.
+    """
+
+    targets: jax.Array
+
+    def __call__(self, x):
+        targets = jnp.asarray(self.targets, x.dtype)
+        points = len(targets) ** 0.5 * x.reshape(targets.shape) + targets
+        radius = length(targets[0] - targets.mean(0))
+        R = matmul(axes_of(points, radius), axes_of(targets, radius).T)
+        w = jnp.sqrt(jnp.maximum((1 + jnp.trace(R)) / 4, 1e-10))  # the quaternion's real part
+        t = w / _EDGE
+        share = jnp.where(t < 1, t * t * (10 + t * (6 * t - 15)) / _EDGE, 1 / w)
+        turn = jnp.stack([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
+        return jnp.concatenate([points.mean(0) - targets.mean(0), _LEVER * radius * share / (1 + w) * turn])
+
+
+def axes_of(triangle: jax.Array, radius: jax.Array) -> jax.Array:
+    """The axes of an equilateral triangle [3, 3] as columns: to its first corner, along its opposite side, across."""
+    x, y = triangle[0] - triangle.mean(0), (triangle[1] - triangle[2]) / 3**0.5
+    return jnp.stack([x / radius, y / radius, jnp.cross(x, y) / radius**2], axis=1)
 
 
 @pytree
@@ -60,12 +92,16 @@ class HandFlow:
     turned: bool = static()
 
     def task_map(self, robot: Robot, frames: tuple[str, ...], T: jax.Array, targets: jax.Array | None) -> TaskMap:
-        """From joint positions [n] of `robot` to the stacked points, the target at zero.
+        """From joint positions [n] of `robot` to the space of the flow, the target at zero.
 
         **Arguments**: `frames`, the skill's; `T` [4, 4], where the object is; `targets` [P, 3] instead of its own.
         """
         frames = frames[:1] * len(self.offsets) if self.turned else frames
-        return stacked_points(robot, frames, self.offsets, T, self.targets if targets is None else targets)
+        targets = self.targets if targets is None else targets
+        points = Stacked(compose(ControlPoints(robot, frames, self.offsets), RigidTransform(T), Translation(targets)))
+        if self.flow.back.shape[-1] == self.offsets.size:  # skills of version 5 have triangles stacked as well
+            return points
+        return compose(points, HandPose(targets))
 
     def leaf(self, robot: Robot, frames: tuple[str, ...], T: jax.Array, targets: jax.Array | None = None) -> Node:
         """The learned policy as a node on the joint space of `robot`, the object at `T` [4, 4]; the rest, `frames` and
@@ -101,11 +137,6 @@ class HandFlow:
         return replace(self, attractor=replace(self.attractor, **hand), funnel=funnel, posture=posture)
 
 
-def stacked_points(robot: Robot, frames: tuple[str, ...], offsets, T, targets) -> Stacked:
-    """From joint positions to points at `offsets` [P, 3] in `frames`, less their `targets`, seen from `T`, stacked."""
-    return Stacked(compose(ControlPoints(robot, frames, offsets), RigidTransform(T), Translation(targets)))
-
-
 def hand_points(frames: tuple[str, ...], offsets: np.ndarray, circumradius: float) -> tuple[np.ndarray, bool]:
     """Points that stand for the hand: offsets [P, 3] in the first frame, m, and whether they are a triangle.
 
@@ -139,7 +170,7 @@ def hand_flow(
     nowhere = np.zeros((1, len(end)))
     funnel = Funnel(nowhere, np.zeros(1), settings.funnel, **radii, **joints) if settings.funnel else None
     posture = Funnel(end[None], 0.0, 0.0, settings.posture, **joints, name="posture") if settings.posture else None
-    attractor = CruisingAttractor(np.zeros(offsets.size), **gains, name="learned")
+    attractor = CruisingAttractor(np.zeros(flow.back.shape[-1]), **gains, name="learned")
     moves = np.zeros((2, len(end), offsets.size))
     return HandFlow(flow, attractor, funnel, posture, offsets, targets, np.zeros((2, *offsets.shape)), moves, turned)
 

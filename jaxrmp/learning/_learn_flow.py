@@ -3,17 +3,21 @@
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 
+from .._errors import TrainingError
 from ..kinematics import Robot
 from ._arc_length import resample_by_arc_length
 from ._configuration import Configuration
 from ._flow_training import FlowFit, train_flow
-from ._hand_flow import HandFlow, along_ways, hand_flow, hand_points
+from ._hand_flow import HandFlow, HandPose, along_ways, axes_of, hand_flow, hand_points
 from ._prepare import PreparedDemonstrations, control_point_frames, control_points, in_frame
 from ._skill import mean_pose, rigid_targets
 
 _FAR = 1500  # postures drawn from the joint range, where the flow is to leave space as it is
+_MOST_TURNED = 130  # degrees from the end, of a hand
 _TUBE = 25  # postures of the funnel along each way
 
 
@@ -47,9 +51,11 @@ def learn_flow(
         in_frame(control_points(robot, frames, offsets, q), pose)
         for q, pose in zip(prepared.joints.q, prepared.poses, strict=True)
     ]
-    paths = tuple(_stacked(place - place[-1]) for place in places)
+    paths = tuple(_hand(place, place[-1], turned) for place in places)
+    if turned:
+        _check_turns(places, settings.circumradius)
     targets = rigid_targets(offsets, frames, np.stack([place[-1] for place in places]))
-    far = _stacked(in_frame(control_points(robot, frames, offsets, _anywhere(robot)), T) - targets)
+    far = _hand(in_frame(control_points(robot, frames, offsets, _anywhere(robot)), T), targets, turned)
     fit = train_flow(
         paths,
         far,
@@ -72,8 +78,25 @@ def led_along(
     return along_ways(motion, robot, frames, resampled, poses, mean_pose(poses), configuration.flow.lead)
 
 
-def _stacked(points: np.ndarray) -> np.ndarray:
-    return points.reshape(len(points), -1) / np.sqrt(points.shape[1])
+def _check_turns(places: Sequence[np.ndarray], radius: float) -> None:
+    """**Raises** `TrainingError` for hands, triangles [T, 3, 3] m, that turn farther than `HandPose` counts in full."""
+    for i, place in enumerate(places):
+        R = np.asarray(jax.vmap(lambda points: axes_of(points, radius))(jnp.asarray(place)))
+        cosine = (np.einsum("tij,ij->t", R, R[-1]) - 1) / 2
+        if not (degrees := np.degrees(np.arccos(np.clip(cosine, -1, 1))).max()) <= _MOST_TURNED:
+            raise TrainingError(
+                f"demonstration {i}: the hand turns by {degrees:.0f} degrees from how it ends, and a flow knows up to "
+                f"{_MOST_TURNED}. Cut the beginning off, learn it as two skills, or set method to 'paper'."
+            )
+
+
+def _hand(points: np.ndarray, targets: np.ndarray, turned: bool) -> np.ndarray:
+    """Points of the hand [T, P, 3] in the space of the flow [T, m], `targets` [P, 3] at zero."""
+    stacked = (points - targets).reshape(len(points), -1) / np.sqrt(len(targets))
+    if not turned:
+        return stacked
+    with jax.enable_x64(True):
+        return np.asarray(jax.jit(jax.vmap(HandPose(jnp.asarray(targets))))(jnp.asarray(stacked)))
 
 
 def _anywhere(robot: Robot) -> np.ndarray:

@@ -173,7 +173,11 @@ def _flow_from(structure: dict[str, Any], left: dict[str, Any]) -> HandFlow:
     }
     motion = HandFlow(flow, **leaves, **{name: left.pop(f"flow/{name}") for name in _HAND}, **structure)
     m = flow.back.shape[-1]
-    if flow.couplings.rotation.shape[1:] != (m, m) or motion.offsets.size != m or motion.targets.size != m:
+    if (
+        flow.couplings.rotation.shape[1:] != (m, m)
+        or motion.offsets.shape != motion.targets.shape
+        or m not in (motion.offsets.size, 6)
+    ):
         raise SkillFileError(f"a flow of {m} coordinates for offsets of shape {motion.offsets.shape}.")
     return motion
 
