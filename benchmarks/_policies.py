@@ -19,7 +19,7 @@ from jaxrmp.learning import load_skill
 from jaxrmp.leaves import Attractor, CollisionAvoidance, Damping, JointLimit
 from jaxrmp.world import Boxes, ObstacleDistances, Spheres, World
 
-from ._skills import skill_file
+from ._skills import Method, skill_file
 
 POSTURE = (0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785)
 GOAL = (0.45, 0.35, 0.45)
@@ -51,6 +51,7 @@ def policies(quick: bool) -> dict[str, Policy]:
     if quick:
         return found
     found["learned_drawer"] = learned_drawer()
+    found["flow_drawer"] = learned_drawer(method="flow")
     if lula_folder().is_dir():
         found["lula_franka"] = lula_franka()
     return found
@@ -85,9 +86,9 @@ def among_spheres(
     return tree + JointLimit(robot.lower, robot.upper) + Damping()
 
 
-def learned_drawer(quick: bool = False) -> Policy:
-    """The skill of `configs/drawer_closing.toml`: three learned leaves, damping, limits; the drawer may move."""
-    skill = load_skill(skill_file("drawer_closing", quick=quick))
+def learned_drawer(quick: bool = False, method: Method = "paper") -> Policy:
+    """The skill of `configs/drawer_closing.toml`: learned leaves, damping, limits; the drawer may move."""
+    skill = load_skill(skill_file("drawer_closing", quick=quick, method=method))
     robot = skill.load_robot()
     return Policy(single(np.asarray(skill.T_world_object)), lambda T: skill.tree(robot, T))
 

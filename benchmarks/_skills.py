@@ -3,31 +3,34 @@
 import os
 from dataclasses import replace
 from pathlib import Path
+from typing import Literal
 
 from jaxrmp.cli._sources import find_demonstrations
 from jaxrmp.learning import Configuration, Learning, learn, load_configuration, save_skill
 
 from ._report import FOLDER
 
+Method = Literal["auto", "flow", "paper"]
+
 CONFIGS = Path(__file__).parent.parent / "configs"
 
 
-def skill_file(task: str, source: str | None = None, quick: bool = False) -> Path:
+def skill_file(task: str, source: str | None = None, quick: bool = False, method: Method = "auto") -> Path:
     """The skill of `configs/TASK.toml` with the committed settings, or of hardly any training if `quick`.
 
     `source`, `synthetic` or `recordings` (those in `$JAXRMP_DATA`): by default the latter where they are.
     """
     source = source or source_here(quick)
-    file = FOLDER / f"{'quick_' if quick else ''}{source}_{task}" / f"{task}.skill.npz"
+    file = FOLDER / f"{'quick_' if quick else ''}{source}_{task}_{method}" / f"{task}.skill.npz"
     if not file.exists():
         file.parent.mkdir(parents=True, exist_ok=True)
-        save_skill(learned(task, source, quick).skill, file)
+        save_skill(learned(task, source, quick, method).skill, file)
     return file
 
 
-def learned(task: str, source: str, quick: bool = False) -> Learning:
+def learned(task: str, source: str, quick: bool = False, method: Method = "auto") -> Learning:
     """The outcome of learning a task."""
-    settings = configuration(task, quick)
+    settings = replace(configuration(task, quick), method=method)
     return learn(settings, settings.load_robot(), demonstrations(task, source))
 
 
@@ -43,7 +46,8 @@ def configuration(task: str, quick: bool = False) -> Configuration:
     if not quick:
         return settings
     potential = replace(settings.potential, widths=(0.04,), basin_starts=50)
-    return replace(settings, metric=replace(settings.metric, updates=20), potential=potential)
+    flow = replace(settings.flow, updates=300)
+    return replace(settings, flow=flow, metric=replace(settings.metric, updates=20), potential=potential)
 
 
 def source_here(quick: bool = False) -> str:

@@ -29,7 +29,7 @@ class Training(NamedTuple):
 def training_of(task: str, quick: bool) -> Training:
     """The training of a task's metrics, with the potentials and the support of its learned skill."""
     settings = configuration(task, quick)
-    learned = load_skill(skill_file(task, quick=quick)).learned
+    learned = load_skill(skill_file(task, quick=quick, method="paper")).learned
     assert learned is not None  # by the paper's method
     prepared = prepare(settings, settings.load_robot(), demonstrations(task, source_here(quick)))
     samples = training_samples(prepared.subtasks, settings.metric, settings.seed)

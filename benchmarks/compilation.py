@@ -26,7 +26,9 @@ def rows(quick: bool = False) -> list[dict[str, Any]]:
     if quick:
         names = ["panda_24_pairs"]
     else:
-        skill_file("drawer_closing")  # learned before, if need be, rather than by a child that is measured
+        skill_file(
+            "drawer_closing", method="paper"
+        )  # learned before, if need be, rather than by a child that is measured
     found = []
     for name in names:
         for batch in (0,) if quick else (0, BATCH):

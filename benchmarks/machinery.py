@@ -63,7 +63,7 @@ def _row(name: str, batch: int, calls: dict[str, Callable[[], Any]], evaluations
 
 def _steps(batch: int) -> Callable[[], Any]:
     """A chunk of steps of the kinematic engine, from starts all over the range of the joints."""
-    skill = load_skill(skill_file("drawer_closing", "synthetic"))
+    skill = load_skill(skill_file("drawer_closing", "synthetic", method="paper"))
     problem = skill_problem(skill, skill.load_robot())
     engine = KinematicEngine(problem, StopCriteria(), chunk=_CHUNK)
     state = engine.advance(engine.begin(sample_starts(problem, batch)))

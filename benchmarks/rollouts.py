@@ -117,7 +117,7 @@ def stages(engine: MjxEngine, problem: Any, batch: int, quick: bool) -> list[dic
 
 
 def _setting(quick: bool) -> tuple[Any, Any]:
-    skill = load_skill(skill_file("drawer_closing", quick=quick))
+    skill = load_skill(skill_file("drawer_closing", quick=quick, method="paper"))
     place = scene("drawer", T_world_object=np.asarray(skill.T_world_object, float))
     return place, scene_problem(skill, skill.load_robot(), place)
 

@@ -123,12 +123,8 @@ name = "beside"
 frame = "tool"
 offset = [0.06, 0.0, 0.0]
 
-[potential]
-widths = [0.04, 0.06]
-basin_starts = 500
-
-[metric]
-updates = 300
+[flow]
+updates = 800
 """)
 
 # %% [markdown]

@@ -96,8 +96,8 @@ class FlowSettings:
     conditioning: NonNegative[float] = 0.01
     identity: NonNegative[float] = 0.1
     circumradius: Positive[float] = 0.15
-    weight: Positive[float] = 10.0
-    funnel: NonNegative[float] = 12.0
+    weight: Positive[float] = 15.0
+    funnel: NonNegative[float] = 18.0
     inner: Positive[float] = 0.5
     outer: Positive[float] = 0.8
     lead: NonNegative[float] = 1.0

@@ -25,7 +25,7 @@ from jaxrmp.leaves import Attractor, Damping, JointLimit
 from jaxrmp.simulation import rollout
 
 CONFIG = str(Path(__file__).parents[2] / "configs" / "drawer_closing.toml")
-FAST = ["--metric.updates", "100", "--potential.widths", "[0.05]", "--potential.basin_starts=100"]
+FAST = ["--method", "paper", "--metric.updates", "100", "--potential.widths", "[0.05]", "--potential.basin_starts=100"]
 
 
 @pytest.fixture
@@ -287,7 +287,16 @@ def test_interrupted_learning_leaves_no_half_written_file(demos, tmp_path):
     program = "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler); "
     program += "from jaxrmp.cli import main; sys.exit(main())"
     command = [sys.executable, "-c", program, "learn", CONFIG, "--demos", demos, "--out", str(out)]
-    command += ["--metric.updates", "1000000", "--potential.widths", "[0.05]", "--potential.basin_starts", "100"]
+    command += [
+        "--method",
+        "paper",
+        "--metric.updates",
+        "1000000",
+        "--potential.widths",
+        "[0.05]",
+        "--potential.basin_starts",
+        "100",
+    ]
     process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=environment)
     assert process.stderr is not None
     for line in process.stderr:

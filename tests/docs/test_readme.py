@@ -35,7 +35,16 @@ def command_lines(program: str) -> list[str]:
 
 
 LINES = "".join(code_blocks(COMMANDS, "sh")).splitlines()
-LESS_LEARNING = ["--metric.updates", "100", "--potential.widths", "[0.05]", "--potential.basin_starts", "100"]
+LESS_LEARNING = [
+    "--flow.updates",
+    "300",
+    "--metric.updates",
+    "100",
+    "--potential.widths",
+    "[0.05]",
+    "--potential.basin_starts",
+    "100",
+]
 
 
 def run_blocks(text: str, name: str) -> dict:
@@ -93,7 +102,7 @@ def test_every_configuration_key_is_documented():
 
 def test_readme_code_runs(monkeypatch, capsys):
     """As written, but for what the learning is asked to do: less, as in the commands."""
-    less = {"metric.updates": 100, "potential.widths": [0.05], "potential.basin_starts": 100}
+    less = {"flow.updates": 300, "metric.updates": 100, "potential.widths": [0.05], "potential.basin_starts": 100}
     monkeypatch.setattr(learning, "load_configuration", partial(learning.load_configuration, overrides=less))
     monkeypatch.chdir(ROOT)
     namespace = run_blocks(README, "readme")

@@ -8,7 +8,16 @@ import pytest
 from jaxrmp.cli import main
 from jaxrmp.learning import load_demonstrations, load_skill
 
-FAST = ["--metric.updates", "200", "--potential.widths", "[0.05]", "--potential.basin_starts", "200"]
+FAST = [
+    "--method",
+    "paper",
+    "--metric.updates",
+    "200",
+    "--potential.widths",
+    "[0.05]",
+    "--potential.basin_starts",
+    "200",
+]
 BY_JOINTS = "joint sliders"
 SPEED = 4.0  # of the page's own slider: what is recorded has simulated time
 AWAY = np.array(
