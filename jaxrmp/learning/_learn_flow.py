@@ -53,7 +53,7 @@ def learn_flow(
     ]
     paths = tuple(_hand(place, place[-1], turned) for place in places)
     if turned:
-        _check_turns(places, settings.circumradius)
+        check_turns(places, settings.circumradius)
     targets = rigid_targets(offsets, frames, np.stack([place[-1] for place in places]))
     far = _hand(in_frame(control_points(robot, frames, offsets, _anywhere(robot)), T), targets, turned)
     fit = train_flow(
@@ -78,7 +78,7 @@ def led_along(
     return along_ways(motion, robot, frames, resampled, poses, mean_pose(poses), configuration.flow.lead)
 
 
-def _check_turns(places: Sequence[np.ndarray], radius: float) -> None:
+def check_turns(places: Sequence[np.ndarray], radius: float) -> None:
     """**Raises** `TrainingError` for hands, triangles [T, 3, 3] m, that turn farther than `HandPose` counts in full."""
     for i, place in enumerate(places):
         R = np.asarray(jax.vmap(lambda points: axes_of(points, radius))(jnp.asarray(place)))

@@ -1,5 +1,6 @@
 """Flows: the diffeomorphism, its training, and the skill that it becomes."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -7,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from jaxrmp import ConfigurationError, TrainingError, acceleration, certificate
 from jaxrmp._task_map import pushforward_by_autodiff
@@ -27,7 +29,8 @@ from jaxrmp.learning import (
     save_skill,
     train_flow,
 )
-from jaxrmp.learning._hand_flow import hand_points
+from jaxrmp.learning._hand_flow import HandPose, hand_points
+from jaxrmp.learning._learn_flow import check_turns
 from jaxrmp.policies import whole_arm_policy
 from jaxrmp.synthetic import synthetic_demonstrations
 from jaxrmp.visualization import loss_figure, width_figure
@@ -191,6 +194,19 @@ def test_it_is_saved_and_read_back_bit_for_bit(learning, tmp_path):
     np.testing.assert_array_equal(*qdd)
 
 
+def test_a_file_of_version_5_has_a_funnel_that_only_leads_back(learning, tmp_path):
+    content = dict(np.load(save_skill(learning.skill, tmp_path / "door.skill.npz")))
+    header = json.loads(content.pop("header.json").tobytes())
+    for leaf in ("funnel", "posture"):
+        del content[f"{leaf}/left"], header["arrays"][f"{leaf}/left"]
+    del header["configuration"]["flow"]["lead"]
+    header = np.frombuffer(json.dumps(header | {"version": 5}).encode(), np.uint8)
+    np.savez(tmp_path / "old.skill.npz", **{"header.json": header}, **content)
+    old = load_skill(tmp_path / "old.skill.npz")
+    assert old.configuration.flow.lead == 0 and not np.any(old.flow.funnel.left)
+    np.testing.assert_array_equal(old.flow.funnel.postures, learning.skill.flow.funnel.postures)
+
+
 def test_a_whole_arm_leaves_the_turn_to_it(learning):
     policy = whole_arm_policy(learning.skill, panda())
     names = [leaf.name for leaf in policy.tree(learning.skill.T_world_object, World()).leaves()]
@@ -209,6 +225,38 @@ def test_what_no_flow_can_be_trained_for_is_said_and_the_papers_method_takes_ove
     configuration = load_configuration(CONFIGS / "door_reaching.toml", FEW | wild | less | {"method": "auto"})
     learned = learn(configuration, panda(), door)
     assert learned.skill.method == "paper" and learned.why.startswith("no flow passes: ")
+
+
+def test_the_pose_of_a_hand_and_where_its_turn_no_longer_counts():
+    with jax.enable_x64(True):
+        corners, _ = hand_points(("hand",) * 3, np.array([[0.0, 0, 0.2], [0.03, 0, 0.203], [-0.03, 0, 0.203]]), 0.15)
+        placed = Rotation.from_rotvec([0.3, -0.4, 0.2]).as_matrix()
+        targets = corners @ placed.T + [0.1, 0.2, 0.3]
+        pose_of = HandPose(jnp.asarray(targets))
+
+        def at(turn, shift):
+            R = Rotation.from_rotvec(turn).as_matrix()
+            points = (targets - targets.mean(0)) @ R.T + targets.mean(0) + shift
+            return np.asarray(pose_of(jnp.asarray((points - targets).reshape(-1) / np.sqrt(3))))
+
+        axis, shift = np.array([2.0, -1.0, 2.0]) / 3, np.array([0.01, -0.02, 0.03])
+        np.testing.assert_allclose(at(0 * axis, 0), 0, atol=1e-12)
+        for angle in (0.1, 1.0, 2.2):
+            expected = [*shift, *(0.8 * 0.15 * 4 * np.tan(angle / 4) * axis)]
+            np.testing.assert_allclose(at(angle * axis, shift), expected, atol=1e-12)
+        # No step where the axis changes its sign, and nothing that is not finite.
+        assert np.abs(at(np.pi * (1 - 1e-4) * axis, shift)[3:]).max() < 1e-6
+        assert np.abs(at(np.pi * (1 + 1e-4) * axis, shift)[3:]).max() < 1e-6
+        x = jnp.asarray(((targets - targets.mean(0)) @ Rotation.from_rotvec(np.pi * axis).as_matrix().T).reshape(-1))
+        carried = pose_of.pushforward((x - (targets - targets.mean(0)).reshape(-1)) / np.sqrt(3), jnp.ones(9))
+        assert all(np.isfinite(part).all() for part in carried)
+
+
+def test_hands_that_turn_too_far_for_a_flow_are_refused_by_demonstration():
+    corners = hand_points(("hand",) * 3, np.array([[0.0, 0, 0.2], [0.03, 0, 0.203], [-0.03, 0, 0.203]]), 0.15)[0]
+    turns = [Rotation.from_rotvec([0, 0, angle]).as_matrix() for angle in np.linspace(2.6, 0, 20)]
+    with pytest.raises(TrainingError, match=r"demonstration 1: the hand turns by 149 degrees .* set method to 'paper'"):
+        check_turns([np.stack([corners] * 3), np.stack([corners @ R.T for R in turns])], 0.15)
 
 
 def test_points_that_stand_for_a_hand():
