@@ -23,7 +23,7 @@ _TUBE = 25  # postures of the funnel along each way
 
 class FlowLearning(NamedTuple):
     """A `motion` for a skill, its funnel along the demonstrations, and how its flow was trained, `fit`; `paths`, N
-    arrays [T, m], what it was trained on: the hand's points less their ends, stacked, m."""
+    arrays [T, m], what it was trained on, in the flow's space, m."""
 
     motion: HandFlow
     fit: FlowFit
@@ -40,7 +40,7 @@ def learn_flow(
 
     **Arguments**: `configuration`, whose section `flow` counts; its `robot`; `prepared`, by `prepare`; `progress`,
     called with the name of the step and the fraction of it that is done. **Returns** a `FlowLearning`.
-    **Raises** `TrainingError` as `train_flow`.
+    **Raises** `TrainingError` as `train_flow`, and for a hand that turns too far.
     """
     settings = configuration.flow
     frames, own = control_point_frames(configuration)
