@@ -15,14 +15,16 @@ from ..learning import (
     families,
     learn,
     learning_report,
+    leave_one_out,
     load_configuration,
     prepare,
     reproduce,
     save_demonstrations,
     save_skill,
+    validate,
 )
 from ..visualization import save_learning_figures, save_reproduction_figures
-from ._output import error_table, made_by, progress_bar, tell, write_json
+from ._output import error_table, made_by, progress_bar, tell, validation_table, write_json
 from ._overrides import parse_overrides
 from ._report_pages import learning_page, pictures_in
 from ._reproduce import result_dict
@@ -40,7 +42,7 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
     if out.exists() and not out.is_dir():
         raise ConfigurationError(f"--out {str(out)!r} is a file: give a folder.")
     if not arguments.groups:
-        report = _learn(configuration, robot, demonstrations, out, arguments.quiet)
+        report = _learn(configuration, robot, demonstrations, out, arguments)
     else:
         found = families(prepare(configuration, robot, demonstrations).points)
         if not (found.certain and found.groups):
@@ -54,7 +56,7 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
             folder = save_demonstrations(members, out / f"group_{k}" / "demonstrations", overwrite=True)
             print(f"group_{k}: demonstrations {', '.join(map(str, group))}, in {folder} as 0 to {len(group) - 1}")
             own = replace(configuration, recording=RecordingSettings())  # the copies leave nothing open
-            report = _learn(own, robot, find_demonstrations(str(folder)), folder.parent, arguments.quiet)
+            report = _learn(own, robot, find_demonstrations(str(folder)), folder.parent, arguments)
             learned.append({"demonstrations_of_all": list(group), **report})
         report = {"groups": learned, "odd": list(found.odd)}
     if arguments.json:
@@ -62,11 +64,17 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
 
 
 def _learn(
-    configuration: Configuration, robot: Robot, demonstrations: DemonstrationSet, out: Path, quiet: bool
+    configuration: Configuration,
+    robot: Robot,
+    demonstrations: DemonstrationSet,
+    out: Path,
+    arguments: argparse.Namespace,
 ) -> dict[str, Any]:
     """Learn one skill, write all of it to the folder `out`, print what it is like, and return its report."""
+    if arguments.validate:
+        leave_one_out(demonstrations)  # says at once if they are too few
     out.mkdir(parents=True, exist_ok=True)
-    with progress_bar(quiet) as progress:
+    with progress_bar(arguments.quiet) as progress:
         learning = learn(configuration, robot, demonstrations, progress)
         made = made_by("learn", configuration, demonstrations.source)
         write_json(made, out / "made_by.json")
@@ -74,7 +82,8 @@ def _learn(
         progress("reproducing", 0.0)
         reproduction = learning.reproduction or reproduce(learning.skill, robot, learning.prepared)
         result = result_dict(reproduction, learning.skill, demonstrations.source)
-        report = {**learning_report(learning), "reproduction": result}
+        validation = validate(configuration, robot, demonstrations, progress) if arguments.validate else None
+        report = {**learning_report(learning, validation), "reproduction": result}
         write_json(report, out / "learning_report.json")
         progress("drawing", 0.5)
         drawn = save_learning_figures(learning, out / "figures")
@@ -87,6 +96,7 @@ def _learn(
         )
     print(_summary(learning))
     print(error_table(result))
+    print(validation_table(report["validation"]))
     print(f"skill written to {skill_file}; the report to read is {out / 'report.html'}")
     return {"skill_file": str(skill_file), **report}
 

@@ -106,6 +106,40 @@ def made_by(command: str, configuration: Configuration, source: str) -> dict[str
     }
 
 
+NOT_VALIDATED = "not validated: --validate learns with each demonstration left out in turn, and reproduces that one"
+
+
+def validation_table(validation: dict[str, Any] | None) -> str:
+    """Errors of demonstrations left out, beside the training's, a row a fold and one for the mean; or that there are
+    none."""
+    if validation is None:
+        return NOT_VALIDATED
+    lines = [
+        "each left out in turn, learned without it, and reproduced (held out), beside those learned from (training)",
+        "left_out  dtw_cm  frechet_cm  goal_cm  training_dtw_cm  training_frechet_cm  method",
+    ]
+    rows = [(str(f["left_out"]), f["held_out"], f["training"], f["method"]) for f in validation["folds"]]
+    for name, held_out, training, method in [*rows, ("mean", validation["held_out"], validation["training"], "")]:
+        if held_out is not None:
+            lines.append(
+                f"{name:<10}{held_out['dtw_cm']:>6.2f}{held_out['frechet_cm']:>12.2f}{held_out['goal_cm']:>9.3f}"
+                f"{training['dtw_cm']:>17.2f}{training['frechet_cm']:>21.2f}  {method}".rstrip()
+            )
+    lines += [fold_failed(f) for f in validation["folds"] if f["failed"]]
+    lines.append(folds_passed(validation))
+    return "\n".join(lines)
+
+
+def fold_failed(fold: Mapping[str, Any]) -> str:
+    """Why a fold of a validation failed, in words."""
+    return f"without demonstration {fold['left_out']} (the others numbered anew) learning failed: {fold['failed']}"
+
+
+def folds_passed(validation: Mapping[str, Any]) -> str:
+    """What the means of a validation are over, in words."""
+    return f"validated: the means are over the {validation['passed']} of {len(validation['folds'])} folds that passed"
+
+
 def error_table(result: dict[str, Any]) -> str:
     """Reproduction errors as a table, one row a demonstration and one for the mean, between what they are about and the
     goals missed."""

@@ -59,6 +59,7 @@ _COMMANDS: dict[str, tuple[str, str, str, list[tuple[str, dict[str, Any]]]]] = {
             _argument("--demos DIR", _DEMOS + "$JAXRMP_DATA/franka/NAME if set, else synthetic", type=str),
             *_RECORDED,
             _argument("--out DIR", "output folder, default out/NAME"),
+            _argument("--validate", "learn with each demonstration left out in turn too, and reproduce that one"),
             _argument("--groups", "learn one skill of each family of demonstrations that part, in OUT/group_0, ..."),
             _argument("--json FILE", "write the report here as well, with the skill's file"),
         ],
@@ -243,6 +244,6 @@ def build_parser() -> argparse.ArgumentParser:
             command.add_argument(flag, **settings)
         command.add_argument("-q", "--quiet", action="store_true", help="show no progress, results and errors only")
     learn = commands.choices["learn"]
-    learn.usage = "jaxrmp learn CONFIG [--demos DIR] [--out DIR] [--groups] [--KEY VALUE ...]"
+    learn.usage = "jaxrmp learn CONFIG [--demos DIR] [--out DIR] [--validate] [--groups] [--KEY VALUE ...]"
     learn.set_defaults(takes_overrides=True)
     return parser

@@ -1,12 +1,13 @@
 """What `learn` and `run` have to tell, as one page each."""
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 from ..reports import _page
 from ..reports._page import heading, numbers, paragraph, percent, records
+from ._output import NOT_VALIDATED, fold_failed, folds_passed
 
 FIGURES = {
     "vector_field": (
@@ -59,6 +60,7 @@ def learning_page(
                 "rests away from": lambda e: ", ".join(e["rests_away_from"]),
             },
         ),
+        *_validation(report["validation"]),
         *([_flow(report["flow"])] if report["flow"] else _subtasks(report["subtasks"])),
         _page.pictures(figures),
         heading("Demonstrations as they were read"),
@@ -78,6 +80,37 @@ def learning_page(
         _page.settings(made_by, ("configuration", "versions")),
     ]
     return _page.write_page(path, f"{report['skill']}: what was learned", parts)
+
+
+def _validation(validation: Mapping[str, Any] | None) -> list[str]:
+    title = heading("How well it does what it was not shown")
+    if validation is None:
+        return [title, paragraph(f"{NOT_VALIDATED}.".replace("--validate", "`jaxrmp learn --validate`").capitalize())]
+    mean = {"left_out": "mean", "method": "", "failed": None, **validation}
+
+    def error(kind: str, name: str) -> Callable[[Mapping[str, Any]], str]:
+        return lambda fold: "" if fold[kind] is None else f"{fold[kind][name]:.2f}"
+
+    return [
+        title,
+        paragraph(
+            "Each demonstration was left out in turn: learned without it by the same configuration and seed, it was "
+            f"reproduced from its own start. {folds_passed(validation).capitalize()}."
+        ),
+        records(
+            [*validation["folds"], mean],
+            {
+                "left out": lambda f: f["left_out"],
+                "method": lambda f: f["method"],
+                "held out: DTW, cm": error("held_out", "dtw_cm"),
+                "Fréchet, cm": error("held_out", "frechet_cm"),
+                "goal, cm": error("held_out", "goal_cm"),
+                "training: DTW, cm": error("training", "dtw_cm"),
+                "training: Fréchet, cm": error("training", "frechet_cm"),
+            },
+        ),
+        *(paragraph(fold_failed(fold)) for fold in validation["folds"] if fold["failed"]),
+    ]
 
 
 def _flow(flow: Mapping[str, Any]) -> str:

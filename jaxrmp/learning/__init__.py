@@ -75,3 +75,7 @@ from ._subtask_trajectories import SubtaskTrajectories as SubtaskTrajectories
 from ._subtask_trajectories import subtask_trajectories as subtask_trajectories
 from ._support import Support as Support
 from ._support import support_of_samples as support_of_samples
+from ._validate import Fold as Fold
+from ._validate import Validation as Validation
+from ._validate import leave_one_out as leave_one_out
+from ._validate import validate as validate

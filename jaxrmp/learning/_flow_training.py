@@ -4,6 +4,7 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -89,25 +90,15 @@ def train_flow(
     N, _, m = data.x.shape
     flow = initial_flow(seed, m, settings.couplings, settings.hidden, float(np.abs(data.x).max()) / 4)
     draws = _draws(np.random.default_rng([seed, 1]), settings.updates, N, settings.mixtures if N > 1 else 0, data)
-    warm = min(50, settings.updates // 2)
-    schedule = optax.warmup_cosine_decay_schedule(0.0, settings.learning_rate, warm, settings.updates)
-    optimizer = optax.chain(optax.clip_by_global_norm(1.0), optax.adam(schedule))
     networks = _networks(flow)
-
-    def update(carry, drawn):
-        networks, state = carry
-        loss, slope = jax.value_and_grad(lambda n: _loss(_with(flow, n), data, drawn, settings))(networks)
-        steps, state = optimizer.update(slope, state, networks)
-        return (optax.apply_updates(networks, steps), state), loss
-
     a_call = math.gcd(settings.updates, _UPDATES_A_CALL)
     calls = [jax.tree.map(lambda d, i=i: d[i : i + a_call], draws) for i in range(0, settings.updates, a_call)]
-    carry, losses = (networks, optimizer.init(networks)), []
+    carry, losses = (networks, _optimizer(settings).init(networks)), []
     clock = time.perf_counter()
-    run = jax.jit(lambda carry, draws: jax.lax.scan(update, carry, draws)).lower(carry, calls[0]).compile()
+    run = _updates.lower(carry, calls[0], flow, data, settings=settings).compile()  # once for data of the same shapes
     compilation_seconds, clock = time.perf_counter() - clock, time.perf_counter()
     for i, drawn in enumerate(calls):
-        carry, values = run(carry, drawn)
+        carry, values = run(carry, drawn, flow, data)
         losses.append(np.asarray(values))
         if not np.isfinite(losses[-1]).all():
             raise TrainingError(
@@ -116,7 +107,7 @@ def train_flow(
             )
         if progress is not None:
             progress((i + 1) * a_call, float(losses[-1].mean()))
-    trained = jax.jit(_with)(flow, carry[0])
+    trained = _with(flow, carry[0])
     loop_seconds = time.perf_counter() - clock
     singular = stretches(trained, np.asarray(data.x)[:, ::_EVERY].reshape(-1, m))
     ends = float(singular.min()), float(singular.max())
@@ -125,8 +116,12 @@ def train_flow(
 
 def stretches(flow: Flow, x: np.ndarray) -> np.ndarray:
     """Singular values [N, m] of the Jacobian of `flow` at points `x` [N, m]: how much it stretches space there."""
-    J = jax.jit(jax.vmap(lambda x: flow.pushforward(x, jnp.zeros_like(x)).J))(jnp.asarray(x, jnp.float32))
-    return np.linalg.svd(np.asarray(J, float), compute_uv=False)
+    return np.linalg.svd(np.asarray(_slopes(flow, jnp.asarray(x, jnp.float32)), float), compute_uv=False)
+
+
+@jax.jit
+def _slopes(flow: Flow, x: jax.Array) -> jax.Array:
+    return jax.vmap(lambda x: flow.pushforward(x, jnp.zeros_like(x)).J)(x)
 
 
 @jax.jit
@@ -199,10 +194,31 @@ def _loss(flow: Flow, data: _Paths, drawn: _Draws, settings: FlowSettings) -> ja
     return loss + settings.identity * x.shape[-1] * identity
 
 
+@partial(jax.jit, static_argnames="settings")
+def _updates(carry, draws: _Draws, flow: Flow, data: _Paths, *, settings: FlowSettings):
+    """Some updates, one for each of `draws`; also returns their losses."""
+    optimizer = _optimizer(settings)
+
+    def update(carry, drawn):
+        networks, state = carry
+        loss, slope = jax.value_and_grad(lambda n: _loss(_with(flow, n), data, drawn, settings))(networks)
+        steps, state = optimizer.update(slope, state, networks)
+        return (optax.apply_updates(networks, steps), state), loss
+
+    return jax.lax.scan(update, carry, draws)
+
+
+def _optimizer(settings: FlowSettings) -> optax.GradientTransformation:
+    warm = min(50, settings.updates // 2)
+    schedule = optax.warmup_cosine_decay_schedule(0.0, settings.learning_rate, warm, settings.updates)
+    return optax.chain(optax.clip_by_global_norm(1.0), optax.adam(schedule))
+
+
 def _networks(flow: Flow) -> dict[str, jax.Array]:
     layers = flow.couplings
     return {name: value for name, value in vars(layers).items() if name.startswith(("weights", "biases"))}
 
 
+@jax.jit
 def _with(flow: Flow, networks: dict[str, jax.Array]) -> Flow:
     return replace(flow, couplings=replace(flow.couplings, **networks)).centred()

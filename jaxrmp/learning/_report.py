@@ -8,9 +8,10 @@ from ._learn import Learning
 from ._learn_paper import PaperLearning
 from ._potential_choice import PotentialChoice, WidthTrial
 from ._subtask_trajectories import end_spread
+from ._validate import Validation
 
 
-def learning_report(learning: Learning) -> dict[str, Any]:
+def learning_report(learning: Learning, validation: Validation | None = None) -> dict[str, Any]:
     """Everything worth knowing of `learning`, a `Learning`, as dictionaries, lists, numbers and strings, fit for JSON
     but for figures that do not exist, which are NaN.
 
@@ -18,7 +19,8 @@ def learning_report(learning: Learning) -> dict[str, Any]:
     null. Per subtask, none for a flow: nominal demonstration, kernel width and all widths tried, solver status and
     objective, residual slope at the end before its correction, Hessian eigenvalues at the goal (1/m), share of samples
     that no metric can turn (beyond 90 degrees), basin, first and last loss. Of all demonstrations, how they agree
-    (`families`). Lengths in metres, times in seconds.
+    (`families`). Of its `validation`, `Validation.as_dict`, null if there was none. Lengths in metres, times in
+    seconds.
     """
     prepared, paper = learning.prepared, learning.paper
     spread = end_spread(prepared.points)
@@ -37,6 +39,7 @@ def learning_report(learning: Learning) -> dict[str, Any]:
         "subtasks": subtasks,
         "demonstrations": demonstrations,
         "families": {**asdict(learning.agreement), "text": str(learning.agreement)},
+        "validation": None if validation is None else validation.as_dict(),
         "seconds": learning.seconds,
     }
 
