@@ -156,6 +156,7 @@ def run_page(
             f"{report['successes']} of {report['trials']} trials succeeded in scene {report['scene']}, in MuJoCo at "
             "1 kHz with contacts and torque limits. Replay one with `--trial K`, all else as here."
         ),
+        paragraph(_paths(report)),
         records(
             report["per_trial"],
             {
@@ -166,6 +167,9 @@ def run_page(
                 "angle, degrees": lambda t: "" if math.isnan(t["final_angle_deg"]) else f"{t['final_angle_deg']:.1f}",
                 "least clearance, mm": lambda t: f"{1000 * t['min_clearance_m']:.1f}",
                 "time, s": lambda t: f"{t['time_s']:.1f}",
+                "demonstration": lambda t: t["path"]["demonstration"] if t["path"] else "",
+                "DTW, cm": lambda t: f"{t['path']['dtw_cm']:.2f}" if t["path"] else "",
+                "Fréchet, cm": lambda t: f"{t['path']['frechet_cm']:.2f}" if t["path"] else "",
                 "steps at a torque limit": lambda t: percent(t["saturated"]),
                 "steps at a velocity limit": lambda t: percent(t["velocity_limited"]),
                 "braked without a pose, s": lambda t: f"{t['braked_s']:.2f}",
@@ -176,6 +180,16 @@ def run_page(
         _page.settings(made_by, ("configuration", "versions")),
     ]
     return _page.write_page(path, f"{made_by['configuration']['name']} in scene {report['scene']}", parts)
+
+
+def _paths(report: Mapping[str, Any]) -> str:
+    mean = report["path"]
+    if mean is None:
+        return "No trial starts as a demonstration did, so there is no path to compare."
+    return (
+        f"{report['trials_compared']} trials start as a demonstration did. Their paths are {mean['dtw_cm']:.2f} cm "
+        f"(DTW) and {mean['frechet_cm']:.2f} cm (Fréchet) from it in the mean, in the object's frame."
+    )
 
 
 def _reached(basin: Mapping[str, Any] | None) -> str:

@@ -1,6 +1,7 @@
 """`jaxrmp run`: a skill in physics, trial after trial, with pictures, a video and a report."""
 
 import argparse
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -9,6 +10,7 @@ import numpy as np
 from .. import learning, simulation, visualization
 from .._errors import ConfigurationError, RolloutError
 from ..policies import whole_arm_policy
+from ..scenes import Scene
 from ._output import made_by, progress_bar, tell, write_json
 from ._report_pages import FIGURES, pictures_in, run_page
 from ._sources import demonstrations_of, scene_of
@@ -48,7 +50,8 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
             first=arguments.trial or 0,
             progress=lambda share: progress("running", share),
         )
-        report = report_dict(result, arguments.trial or 0)
+        paths = path_errors(result, skill, prepared)
+        report = report_dict(result, arguments.trial or 0, paths)
         if arguments.json:
             write_json(report, arguments.json)
         if arguments.video:
@@ -97,8 +100,39 @@ def _tracker(arguments: argparse.Namespace, skill: learning.Skill) -> simulation
     return simulation.TrackerSettings(**given)
 
 
-def report_dict(result: simulation.Run, first: int = 0) -> dict[str, Any]:
-    """What --json writes: the scene, how many trials succeeded, and every trial."""
+Paths = Sequence[dict[str, Any] | None]
+
+
+def path_errors(
+    result: simulation.Run, skill: learning.Skill, prepared: learning.PreparedDemonstrations
+) -> list[dict[str, Any] | None]:
+    """How far the way of each trial is from the `demonstration` (an index) that it starts like: `dtw_cm`, `frechet_cm`,
+    as `learning.reproduction_errors` has them, in the object's frame. None where no demonstration starts like it, with
+    the object where it is, or where the object is moved on the way."""
+    starts = [(q[0], T) for q, T in zip(prepared.joints.q, prepared.poses, strict=True)]
+    errors = []
+    for trial, trace in zip(result.trials, result.traces, strict=True):
+        like = [k for k, (q, T) in enumerate(starts) if (trial.q == q).all() and (trial.T_world_object == T).all()]
+        if not like or trial.displacement is not None or len(trace.time) < 2:
+            errors.append(None)
+            continue
+        found = learning.reproduction_errors(prepared.points[like[0]], _path(result.scene, skill, trial, trace.q))
+        errors.append({"demonstration": like[0], **{name: found[name] for name in ("dtw_cm", "frechet_cm")}})
+    return errors
+
+
+def _path(scene: Scene, skill: learning.Skill, trial: simulation.Trial, q: np.ndarray) -> np.ndarray:
+    """The skill's control points [T, K, 3] along `q` [T, n] in the frame of the trial's object, m."""
+    points = learning.control_points(scene.robot, skill.frames, np.asarray(skill.offsets, float), q)
+    return learning.in_frame(points, trial.T_world_object)
+
+
+def report_dict(result: simulation.Run, first: int = 0, paths: Paths | None = None) -> dict[str, Any]:
+    """What --json writes: the scene, how many trials succeeded, every trial, with what `path_errors` says of it, and
+    the mean of that."""
+    paths = paths or [None] * len(result.outcomes)
+    compared = [path for path in paths if path is not None]
+    mean = {name: float(np.mean([path[name] for path in compared])) for name in ("dtw_cm", "frechet_cm")}
     per_trial = [
         {
             "trial": first + k,
@@ -106,21 +140,25 @@ def report_dict(result: simulation.Run, first: int = 0) -> dict[str, Any]:
             **outcome._asdict(),
             "end": outcome.end.name.lower(),
             "diverged": outcome.diverged,
+            "path": path,
         }
-        for k, outcome in enumerate(result.outcomes)
+        for k, (outcome, path) in enumerate(zip(result.outcomes, paths, strict=True))
     ]
-    counts = {"trials": len(result.outcomes), "successes": result.successes}
-    return {"scene": result.scene.name, **counts, "per_trial": per_trial}
+    counts = {"trials": len(result.outcomes), "successes": result.successes, "trials_compared": len(compared)}
+    return {"scene": result.scene.name, **counts, "path": mean if compared else None, "per_trial": per_trial}
 
 
 def outcome_table(report: dict[str, Any]) -> str:
     """All trials as a table, a line each, and what to know about torques and speeds."""
-    lines = ["trial  success  error_mm  angle_deg  clearance_mm  time_s  reason"]
+    lines = ["trial  success  error_mm  angle_deg  clearance_mm  time_s  dtw_cm  frechet_cm  reason"]
     for trial in report["per_trial"]:
+        path = trial["path"]
+        dtw, frechet = (f"{path[name]:.2f}" if path else "-" for name in ("dtw_cm", "frechet_cm"))
         angle = "-" if np.isnan(trial["final_angle_deg"]) else f"{trial['final_angle_deg']:.1f}"
         lines.append(
             f"{trial['trial']:>5}{'yes' if trial['success'] else 'no':>9}{1000 * trial['final_error_m']:>10.1f}"
-            f"{angle:>11}{1000 * trial['min_clearance_m']:>14.1f}{trial['time_s']:>8.1f}  {trial['reason']}"
+            f"{angle:>11}{1000 * trial['min_clearance_m']:>14.1f}{trial['time_s']:>8.1f}{dtw:>8}{frechet:>12}  "
+            f"{trial['reason']}"
         )
     if saturated := [t for t in report["per_trial"] if t["saturated"] > 0]:
         worst = max(saturated, key=lambda t: t["saturated"])
@@ -132,6 +170,11 @@ def outcome_table(report: dict[str, Any]) -> str:
     if ignored := [t["trial"] for t in report["per_trial"] if t["ignored"]]:
         most = max(t["ignored"] for t in report["per_trial"])
         lines.append(f"obstacles that are not finite were ignored in {len(ignored)} trials, up to {most}: {ignored}")
+    if mean := report["path"]:
+        lines.append(
+            f"{report['trials_compared']} trials start as a demonstration did; their ways are {mean['dtw_cm']:.2f} cm "
+            f"(DTW) and {mean['frechet_cm']:.2f} cm (Frechet) from it in the mean"
+        )
     lines.append(f"{report['successes']} of {report['trials']} trials succeeded in scene {report['scene']}")
     return "\n".join(lines)
 
@@ -148,10 +191,7 @@ def _as_reproduction(
     for trace, trial, demonstrated in zip(result.traces, result.trials, prepared.points, strict=False):
         rows = np.minimum(np.arange(longest), len(trace.time) - 1)  # stays where it ended
         states.append((trace.time[rows], trace.q[rows], trace.qd[rows]))
-        path = learning.control_points(
-            result.scene.robot, skill.frames, np.asarray(skill.offsets, float), trace.q[rows]
-        )
-        points.append(learning.in_frame(path, trial.T_world_object))
+        points.append(_path(result.scene, skill, trial, trace.q[rows]))
         errors.append(learning.reproduction_errors(demonstrated, points[-1][: len(trace.time)]))
     time, q, qd = (np.stack(column) for column in zip(*states, strict=True))
     rollouts = simulation.Rollout(time, q, qd, np.zeros(time.shape), np.zeros((*time.shape, 0)), ())

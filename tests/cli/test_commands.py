@@ -52,14 +52,14 @@ def test_learn_writes_skill_report_pictures_and_what_made_them(learned, demos):
     assert made_by["demonstrations"] == str(Path(demos).resolve())
     report = json.loads((learned / "learning_report.json").read_text())
     assert len(report["demonstrations"]) == 6
-    assert report["reproduction"]["mean"]["goal_cm"] < 0.5
+    assert report["reproduction"]["mean"]["goal_cm"] < 0.5 and report["validation"] is None
     told = json.loads((learned / "learned.json").read_text())
     assert Path(told.pop("skill_file")) == learned / "drawer_closing.skill.npz"
     assert told == report
 
 
 def test_a_skill_is_learned_of_each_group(demos, tmp_path, capsys, monkeypatch):
-    def learned(configuration, robot, demonstrations, out, quiet):
+    def learned(configuration, robot, demonstrations, out, arguments):
         return {"source": demonstrations.source, "folder": str(out)}
 
     monkeypatch.setattr("jaxrmp.cli._learn._learn", learned)  # what it does is tested above
@@ -95,7 +95,16 @@ def test_what_was_learned_is_a_page_that_needs_nothing_else(learned):
     mean = json.loads((learned / "learning_report.json").read_text())["reproduction"]["mean"]
     assert f"<td>mean</td><td>{mean['dtw_cm']:.2f}</td>" in page
     assert "<td>metric.updates</td><td>100</td>" in page
+    assert "Not validated: <code>jaxrmp learn --validate</code>" in page
     assert all(f"The learned field: {name}" in page for name in ("gripper", "left fingertip", "right fingertip"))
+
+
+def test_validation_takes_three_demonstrations(demos, tmp_path, capsys):
+    shown = load_demonstrations(demos)
+    save_demonstrations(replace(shown, demonstrations=shown.demonstrations[:2]), tmp_path / "two")
+    learn = ["learn", CONFIG, "--demos", str(tmp_path / "two"), "--validate", "--out", str(tmp_path / "out")]
+    assert main(learn) == 1 and "takes three at least" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
 
 
 def test_reproduce_prints_and_writes_the_same_errors(learned, demos, tmp_path, capsys):
@@ -152,7 +161,7 @@ def test_a_skill_is_measured_on_what_it_was_learned_from_unless_told_otherwise(l
     assert "note:" not in printed
 
 
-def test_run_closes_the_drawer_in_physics(learned, tmp_path, capsys):
+def test_run_closes_the_drawer_in_physics(learned, demos, tmp_path, capsys):
     skill, file = str(learned / "drawer_closing.skill.npz"), tmp_path / "run.json"
     command = ["run", skill, "--scene", "drawer", "--trials", "7"]
     assert main([*command, "--json", str(file)]) == 0
@@ -168,10 +177,16 @@ def test_run_closes_the_drawer_in_physics(learned, tmp_path, capsys):
     page = file.with_suffix(".html").read_text(encoding="utf-8")
     assert page.count("data:image/png;base64,") == 2 and not re.search(r"(src|href)=\"(?!data:)", page)
     assert f"{report['successes']} of 7 trials succeeded" in page and "<td>seed</td><td>0</td>" in page
+    shown, paths = load_demonstrations(demos), [trial["path"] for trial in report["per_trial"]]
+    assert [path and path["demonstration"] for path in paths] == [*range(len(shown)), None]  # then a variation
+    assert all(0 < path["dtw_cm"] < path["frechet_cm"] < 8 for path in paths[:-1])
+    mean = np.mean([path["dtw_cm"] for path in paths[:-1]])
+    assert report["path"]["dtw_cm"] == pytest.approx(mean) and report["trials_compared"] == len(shown)
+    assert f"their ways are {mean:.2f} cm" in printed.out and f"<td>5</td><td>{paths[5]['dtw_cm']:.2f}</td>" in page
     assert main([*command, "--quiet", "--trial", "6", "--json", str(file)]) == 0
     assert capsys.readouterr().err == ""
     (replayed,) = json.loads(file.read_text())["per_trial"]
-    assert replayed["trial"] == 6
+    assert replayed["trial"] == 6 and replayed["path"] is None
     assert replayed["time_s"] == pytest.approx(report["per_trial"][6]["time_s"], abs=0.1)
 
 

@@ -18,6 +18,8 @@ from jaxrmp.evaluation._stability import flow_metrics
 from jaxrmp.kinematics import forward_kinematics, panda
 from jaxrmp.learning import (
     FlowSettings,
+    Fold,
+    Validation,
     initial_flow,
     learn,
     learning_report,
@@ -172,7 +174,12 @@ def test_reports_and_figures_know_it(learning, tmp_path):
     assert all(demo["rests_away_from"] == [] for demo in result["per_demo"])
     made = {"configuration": {}, "versions": {}}
     page = learning_page({**learning_report(learning), "reproduction": result}, made, {}, tmp_path / "page.html")
-    assert "One flow moves the whole hand" in page.read_text()
+    assert "One flow moves the whole hand" in page.read_text() and "Not validated" in page.read_text()
+    errors = {"dtw_cm": 2.25, "frechet_cm": 4.0, "goal_cm": 0.0}
+    folds = Validation((Fold(0, "flow", errors, errors), Fold(1, "", None, None, "the flow stretches space")))
+    page = learning_page({**learning_report(learning, folds), "reproduction": result}, made, {}, page)
+    assert "<td>mean</td><td></td><td>2.25</td>" in page.read_text()
+    assert "the 1 of 2 folds" in page.read_text() and "the flow stretches space" in page.read_text()
 
 
 def test_single_precision_stays_so_where_double_is_allowed(learning):
