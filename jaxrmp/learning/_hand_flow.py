@@ -206,11 +206,16 @@ def along_ways(
 def _hands(points: ControlPoints, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Where `points` are [S, P, 3] at `q` [S, n], and damped inverses [S, n, 3 P] of their Jacobians."""
     with jax.enable_x64(True):
-        carried = jax.jit(jax.vmap(lambda q: points.pushforward(q, jnp.zeros_like(q))))(jnp.asarray(q, float))
+        carried = _carried(points, jnp.asarray(q, float))
         hands, J = np.asarray(carried.y), np.asarray(carried.J)
     J = J.reshape(len(q), -1, q.shape[1])
     A = J @ np.swapaxes(J, 1, 2) + _DAMPING**2 * np.eye(J.shape[1])
     return hands, np.swapaxes(J, 1, 2) @ np.linalg.inv(A)
+
+
+@jax.jit
+def _carried(points: ControlPoints, q: jax.Array) -> Pushforward:
+    return jax.vmap(lambda q: points.pushforward(q, jnp.zeros_like(q)))(q)
 
 
 def _followed(q, hands, moves, T_before, T):

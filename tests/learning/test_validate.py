@@ -31,7 +31,7 @@ def test_each_is_left_out_in_turn_and_programs_are_compiled_once(drawer, caplog)
     with caplog.at_level(logging.WARNING), jax.log_compiles():
         found = validate(configuration, panda(), drawer)
     compiled = collections.Counter(r.args[0] for r in caplog.records if r.msg.startswith("Compiling"))
-    assert compiled["jit(_updates)"] == 1
+    assert compiled["jit(_updates)"] == 1 and compiled["jit(_carried)"] == 2  # of one way, and of all
     assert compiled["jit(_rollouts)"] == 3  # freely, as trained, and of one alone
     assert [fold.left_out for fold in found.folds] == [0, 1, 2] and found.passed == 3
     assert found.held_out["dtw_cm"] == pytest.approx(np.mean([fold.held_out["dtw_cm"] for fold in found.folds]))
