@@ -15,6 +15,7 @@ ALL_CORES = ("learning", "rollouts")
 ONE_CORE = tuple(name for name in _bars.NAMES if name not in ALL_CORES)
 LONG = (
     "reproduction",
+    "paths",
     "scenes",
     "robots",
     "view",

@@ -34,6 +34,8 @@ from ._learn_flow import learn_flow as learn_flow
 from ._learn_paper import PaperLearning as PaperLearning
 from ._learn_paper import learn_paper as learn_paper
 from ._learn_paper import training_samples as training_samples
+from ._learn_paths import PathLearning as PathLearning
+from ._learn_paths import learn_paths as learn_paths
 from ._load_demonstrations import load_demonstrations as load_demonstrations
 from ._measures import discrete_frechet as discrete_frechet
 from ._measures import dtw_distance as dtw_distance

@@ -23,6 +23,7 @@ _SAMPLES = 200  # of a path, evenly in its arc length
 _EVERY = 8  # one of so many is compared at an update
 _UPDATES_A_CALL = 100
 _PROBES = 48  # places at an update at which the flow is kept from stretching space
+_LEAST_STRETCH, _MOST_STRETCH = 0.02, 50.0  # of space by a flow, on the demonstrations
 _HUBER = 0.1  # error, over the flow's length, from where on it counts linearly
 
 
@@ -122,6 +123,16 @@ def stretches(flow: Flow, x: np.ndarray) -> np.ndarray:
 @jax.jit
 def _slopes(flow: Flow, x: jax.Array) -> jax.Array:
     return jax.vmap(lambda x: flow.pushforward(x, jnp.zeros_like(x)).J)(x)
+
+
+def check_stretch(fit: FlowFit) -> None:
+    """**Raises** `TrainingError` for a flow that rollouts could not follow."""
+    least, largest = fit.stretch
+    if not (least >= _LEAST_STRETCH and largest <= _MOST_STRETCH):
+        raise TrainingError(
+            f"the flow stretches space by {least:.2g} to {largest:.2g} on the demonstrations, allowed {_LEAST_STRETCH} "
+            f"to {_MOST_STRETCH}. Lower flow.learning_rate or raise flow.conditioning."
+        )
 
 
 @jax.jit

@@ -15,7 +15,7 @@ from ..leaves import Learned
 from ._configuration import Configuration
 from ._demonstrations import DemonstrationSet
 from ._families import Families, families
-from ._flow_training import FlowFit
+from ._flow_training import check_stretch
 from ._hand_flow import HandFlow
 from ._learn_flow import FlowLearning, learn_flow, led_along
 from ._learn_paper import PaperLearning, learn_paper
@@ -25,7 +25,6 @@ from ._skill import Skill, joint_leaves, mean_pose, rigid_targets
 
 Progress = Callable[[str, float], None]
 
-_LEAST_STRETCH, _MOST_STRETCH = 0.02, 50.0  # of space by a flow, on the demonstrations
 _GOAL, _RISE = 1.0, 1e-3  # cm, and relative: what a reproduction may miss the goal by, and V rise by
 
 
@@ -91,7 +90,7 @@ def learn(
         try:
             flow = learn_flow(configuration, robot, prepared, progress)
             lap("flow")
-            _check_stretch(flow.fit)
+            check_stretch(flow.fit)
             skill = _skill(configuration, robot, demonstrations, prepared, None, flow.motion)
             longest = max(np.linalg.norm(np.diff(path, axis=0), axis=1).sum() for path in flow.paths)
             duration = max(20.0, 3 * longest / configuration.policy.speed)
@@ -162,16 +161,6 @@ def _led_along_its_own_ways(skill: Skill, robot: Robot, prepared: PreparedDemons
         ends = np.mean([way[-1] for way in ways], axis=0, keepdims=True).astype(np.float32)
         motion = replace(motion, posture=replace(motion.posture, postures=ends))
     return replace(skill, flow=led_along(motion, skill.configuration, robot, ways, prepared.poses))
-
-
-def _check_stretch(fit: FlowFit) -> None:
-    """**Raises** `TrainingError` for a flow that rollouts could not follow."""
-    least, largest = fit.stretch
-    if not (least >= _LEAST_STRETCH and largest <= _MOST_STRETCH):
-        raise TrainingError(
-            f"the flow stretches space by {least:.2g} to {largest:.2g} on the demonstrations, allowed {_LEAST_STRETCH} "
-            f"to {_MOST_STRETCH}. Lower flow.learning_rate or raise flow.conditioning."
-        )
 
 
 def _check(reproduction: Reproduction) -> None:
