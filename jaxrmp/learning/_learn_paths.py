@@ -36,9 +36,9 @@ _MEND = "Raise conditioning or lower learning_rate of the settings."
 class PathLearning(NamedTuple):
     """A `policy` learned from N paths in R^m, in their units, with its only place of rest at the `goal` [m].
 
-    Where paths cross, the policy is one on R^(m + 1), with 0.7 of the length that is left as one more coordinate, which
-    is `lift` [N] at their starts, else None; it rests where that is zero, too. `paths`, N arrays [T, m], their ends
-    moved to the goal; `fit`, how the flow was trained; `reproductions` [N, S, m] of the paths at steps of `dt`,
+    Where paths cross or are tangled, the policy is one on R^(m + 1), with 0.7 of the length that is left as one more
+    coordinate, which is `lift` [N] at their starts, else None; it rests where that is zero, too. `paths`, N arrays
+    [T, m], their ends moved to the goal; `fit`, how the flow was trained; `reproductions` [N, S, m] of the paths at steps of `dt`,
     seconds, and their `errors`, for each a dict of `dtw`, `frechet` and `goal`, in the paths' units, and
     `energy_increase`, relative.
     """
@@ -84,7 +84,8 @@ def learn_paths(
     the time it takes: damping is in proportion.
 
     No stable policy of the place alone follows paths that cross, themselves or each other. They get one more
-    coordinate, the length that is left, which tells the two times apart: `PathLearning.start` gives it.
+    coordinate, the length that is left, which tells the two times apart: `PathLearning.start` gives it. So do paths so
+    tangled that a flow of the place alone would stretch space too much.
 
     **Arguments**: `paths`, one or more arrays [T, m], m of 2 or more, such as `load_paths` reads; `settings`, of the
     flow, whose lengths are for paths of half a metre; `speed`, units per second, by default such that the longest path
@@ -114,12 +115,23 @@ def learn_paths(
     agreement = families([path[:, None] for path in ended])
     if not agreement.agree:
         warnings.warn(_disagreement(agreement), FileWarning, stacklevel=2)
-    lift, crossing = None, _crossing(ended, extent)
-    if crossing is not None:
+    unit, lift = extent / _EXTENT, None
+
+    def trained(ended: Sequence[np.ndarray]) -> FlowFit:
+        far = _around(ended, extent) / unit
+        fit = train_flow([path / unit for path in ended], far, settings, seed, progress)
+        check_stretch(fit)
+        return fit
+
+    why, fit = _crossing(ended, goal, extent), None
+    if not why:
+        try:
+            fit = trained(ended)
+        except TrainingError as error:
+            why = f"no flow of the place alone passes: {error}"
+    if fit is None:
         warnings.warn(
-            f"paths {crossing[0]} and {crossing[1]} cross near {(crossing[2] + goal).round(3).tolist()}, which no "
-            "stable policy of the place alone can follow: this one has one more coordinate, the length left. Begin "
-            "from what `start` gives.",
+            f"{why} The policy has one more coordinate, the length left. Begin from what `start` gives.",
             FileWarning,
             stacklevel=2,
         )
@@ -127,9 +139,7 @@ def learn_paths(
         even = [resample_by_arc_length(path, _SAMPLES) for path in ended]
         left = np.linspace(1, 0, _SAMPLES)
         ended = tuple(np.column_stack([path, top * left]) for path, top in zip(even, lift, strict=True))
-    unit = extent / _EXTENT
-    fit = train_flow([path / unit for path in ended], _around(ended, extent) / unit, settings, seed, progress)
-    check_stretch(fit)
+        fit = trained(ended)
     fit = fit._replace(flow=replace(fit.flow, length=fit.flow.length * unit))
     gains = {"speed": max(map(_length, ended)) / duration, "damping_rate": _DAMPING / duration}
     attractor = CruisingAttractor(np.zeros(len(ended[0][0])), **gains, taper=_TAPER * extent, name="learned")
@@ -177,8 +187,8 @@ def _checked(paths: Sequence[np.ndarray]) -> list[np.ndarray]:
     return found
 
 
-def _crossing(paths: Sequence[np.ndarray], extent: float) -> tuple[int, int, np.ndarray] | None:
-    """Two of `paths`, or one twice, and a place [m] where they cross at 60 degrees and more, away from their end."""
+def _crossing(paths: Sequence[np.ndarray], goal: np.ndarray, extent: float) -> str:
+    """Which two of `paths`, or one twice, cross where, at 60 degrees and more, away from `goal`; empty if none do."""
     even = np.stack([resample_by_arc_length(path, _SAMPLES // 2) for path in paths])
     along = even[:, 6:] - even[:, :-6]
     along = (along / np.maximum(np.linalg.norm(along, axis=-1, keepdims=True), 1e-12 * extent)).reshape(
@@ -190,10 +200,13 @@ def _crossing(paths: Sequence[np.ndarray], extent: float) -> tuple[int, int, np.
     away = square > (_NEAR_GOAL * extent) ** 2
     found = np.argwhere((distance < _CROSSES * extent) & (along @ along.T < _COSINE) & away & away[:, None])
     if not len(found):
-        return None
+        return ""
     i, j = found[0]
     samples = even.shape[1] - 6
-    return int(i // samples), int(j // samples), x[i]
+    return (
+        f"paths {i // samples} and {j // samples} cross near {(x[i] + goal).round(3).tolist()}, which no stable policy "
+        "of the place alone can follow."
+    )
 
 
 def _disagreement(agreement: Families) -> str:
