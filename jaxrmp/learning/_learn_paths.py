@@ -38,9 +38,9 @@ class PathLearning(NamedTuple):
 
     Where paths cross or are tangled, the policy is one on R^(m + 1), with 0.7 of the length that is left as one more
     coordinate, which is `lift` [N] at their starts, else None; it rests where that is zero, too. `paths`, N arrays
-    [T, m], their ends moved to the goal; `fit`, how the flow was trained; `reproductions` [N, S, m] of the paths at steps of `dt`,
-    seconds, and their `errors`, for each a dict of `dtw`, `frechet` and `goal`, in the paths' units, and
-    `energy_increase`, relative.
+    [T, m], their ends moved to the goal; `fit`, how the flow was trained; `reproductions` [N, S, m] of the paths at
+    steps of `dt`, seconds, and their `errors`, for each a dict of `dtw`, `frechet` and `goal`, in the paths' units,
+    and `energy_increase`, relative.
     """
 
     policy: Node
