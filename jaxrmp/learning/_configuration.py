@@ -98,9 +98,9 @@ class FlowSettings:
     circumradius: Positive[float] = 0.15
     weight: Positive[float] = 15.0
     funnel: NonNegative[float] = 18.0
-    inner: Positive[float] = 0.5
-    outer: Positive[float] = 0.8
-    lead: NonNegative[float] = 1.0
+    inner: Positive[float] = 0.8
+    outer: Positive[float] = 2.0
+    lead: NonNegative[float] = 0.5
     posture: NonNegative[float] = 0.003
 
     def __post_init__(self):

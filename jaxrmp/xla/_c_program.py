@@ -17,6 +17,7 @@ from jax.extend.core import ClosedJaxpr
 from ._c_gather import gathered
 from ._c_nodes import BITS, INDEX, Node, Source, sources_of
 from ._c_order import needed
+from ._c_scan import scanned
 from ._c_text import written
 from ._rows import matrices, rows_over
 from ._scalar_program import ELEMENTWISE, Builder, NotScalar, Operation, coordinate_program
@@ -25,7 +26,6 @@ _LEAST = 4  # coordinates from which on a loop is worth it
 _SMALL = 16  # entries of an array that is taken apart, and operations of a product or a sum
 _FLAT_MOST = 3000
 _BLOCKS = 64  # of a product with zeros
-_MOST_STEPS = 64  # of a scan, which are written one after the other
 _UNTOLD = np.iinfo(np.int64).min
 _MOST_SINGLE = 20000  # statements: compilers take more than proportionally long
 _MOST_KNOWN, _MOST_WRITTEN = 65536, 1024  # numbers of a constant whose values are looked at, and that are written out
@@ -156,7 +156,7 @@ class _Program(Builder):
             starts = np.array([self.known(p) for p in operands[1].reshape(-1)], dtype=int).reshape(operands[1].shape)
             return [gathered(parameters, operands[0], starts)]
         if name == "scan":
-            return self._scanned(parameters, operands)
+            return scanned(self, parameters, operands)
         if name == "unstack":
             return list(np.moveaxis(operands[0], parameters["axis"], 0))
         types = [v.aval.dtype for v in (*equation.invars, *equation.outvars)]
@@ -171,21 +171,6 @@ class _Program(Builder):
         if (name in _OF_NUMBERS and any(truth)) or (name == "select_n" and (not truth[0] or len(operands) != 3)):
             raise NotScalar(f"holds `{name}` of {', '.join(map(str, types))}")
         return super()._equation(equation, operands)
-
-    def _scanned(self, parameters, operands) -> list[np.ndarray]:
-        """A scan of few steps, one after the other: the layers of a network."""
-        steps, closed = parameters["length"], parameters["jaxpr"]
-        if steps > _MOST_STEPS:
-            raise NotScalar(f"holds `scan` of {steps:,} steps")
-        fixed, carried = parameters["num_consts"], parameters["num_consts"] + parameters["num_carry"]
-        carry, rows = operands[fixed:carried], []
-        for k in reversed(range(steps)) if parameters["reverse"] else range(steps):
-            arguments = [*operands[:fixed], *carry, *(x[k] for x in operands[carried:])]
-            found = self.run(closed.jaxpr, [self.numbers(c) for c in closed.consts], arguments)
-            carry = found[: len(carry)]
-            rows.append(found[len(carry) :])
-        rows = rows[::-1] if parameters["reverse"] else rows
-        return [*carry, *map(np.stack, zip(*rows, strict=True))]
 
     def _converted(self, primitive, places, old, new) -> np.ndarray:
         if old == new:

@@ -60,6 +60,10 @@ LARGE = {
     "not used": lambda x: (x[:2], jnp.zeros(3)),
     "no numbers at all": lambda x: (jnp.sum(x[:0]), jnp.max(x.reshape(5, 15)[:, :0], axis=1, initial=-1.0), x**0),
     "beyond whole numbers": lambda x: (x * 3e9).astype(jnp.int32),
+    "layers one after the other": lambda x: jax.lax.scan(lambda y, W: (jnp.tanh(W @ y[:25]), y[0]), x[:40], WEIGHTS),
+    "the same backwards": lambda x: jax.lax.scan(
+        lambda y, W: (jnp.tanh(W @ y[:25]), y[:3]), x[:40], WEIGHTS, reverse=True
+    ),
     "clipped": lambda x: jnp.clip(x, -0.5, 0.5) + jnp.round(x) + jnp.sign(x),
 }
 

@@ -1,0 +1,25 @@
+"""A `scan` of few steps, one after the other: the layers of a network."""
+
+from typing import Any
+
+import numpy as np
+
+from ._scalar_program import Builder, NotScalar
+
+_MOST = 64  # steps
+
+
+def scanned(builder: Builder, parameters: dict[str, Any], operands: list[np.ndarray]) -> list[np.ndarray]:
+    """What a scan with these `parameters` of its primitive gives, as arrays of places like its `operands`."""
+    steps, closed = parameters["length"], parameters["jaxpr"]
+    if steps > _MOST:
+        raise NotScalar(f"holds `scan` of {steps:,} steps")
+    fixed, carried = parameters["num_consts"], parameters["num_consts"] + parameters["num_carry"]
+    carry, rows = operands[fixed:carried], []
+    for k in reversed(range(steps)) if parameters["reverse"] else range(steps):
+        arguments = [*operands[:fixed], *carry, *(x[k] for x in operands[carried:])]
+        found = builder.run(closed.jaxpr, [builder.numbers(c) for c in closed.consts], arguments)
+        carry = found[: len(carry)]
+        rows.append(found[len(carry) :])
+    rows = rows[::-1] if parameters["reverse"] else rows
+    return [*carry, *map(np.stack, zip(*rows, strict=True))]
