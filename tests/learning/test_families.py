@@ -129,7 +129,7 @@ def test_learning_says_so_before_anything_is_optimised():
         pass
 
     def progress(step, fraction):
-        if step == "potentials":
+        if step == "flow":
             raise Begun
 
     configuration = load_configuration(CONFIGS / "door_reaching.toml")

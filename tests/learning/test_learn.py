@@ -82,7 +82,7 @@ def test_joints_may_come_in_another_order_and_must_have_the_robots_names(configu
 
 def test_a_skill_says_so_that_was_learned_without_its_object(configuration, door):
     fast = replace(configuration.potential, widths=(0.05,), basin_starts=20)
-    quick = replace(configuration, potential=fast, metric=replace(configuration.metric, updates=2))
+    quick = replace(configuration, method="paper", potential=fast, metric=replace(configuration.metric, updates=2))
     blind = replace(door, demonstrations=tuple(replace(d, poses={}) for d in door.demonstrations))
     tolerant = replace(quick, target=replace(quick.target, end_tolerance=0.5))
     skill = learn(tolerant, panda(), blind).skill
