@@ -60,7 +60,10 @@ class Validation(NamedTuple):
 
 
 def leave_one_out(demonstrations: DemonstrationSet) -> tuple[DemonstrationSet, ...]:
-    """The sets with each demonstration left out in turn. **Raises** `DemonstrationError` for fewer than three."""
+    """The sets with each of `demonstrations` left out in turn.
+
+    **Raises** `DemonstrationError` for fewer than three.
+    """
     if len(demonstrations) < 3:
         raise DemonstrationError(
             f"{demonstrations.source}: {len(demonstrations)} demonstrations, but to validate takes three at least: one "
