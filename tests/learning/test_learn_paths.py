@@ -74,10 +74,3 @@ def test_what_is_no_path_is_refused(paths, message):
 def test_a_speed_that_is_none_is_refused():
     with pytest.raises(ConfigurationError, match="speed is -1"):
         learn_paths(ARCS, FEW, speed=-1.0)
-
-
-def test_paths_of_which_no_flow_of_the_place_passes_get_the_coordinate_too():
-    with pytest.warns(FileWarning, match="no flow of the place alone passes: the flow stretches"):
-        found = learn_paths(ARCS, replace(FEW, updates=30, learning_rate=3.0, conditioning=0.0, identity=0.0))
-    assert found.lift is not None
-    assert found.start(ARCS[0][0]).shape == (3,)

@@ -12,7 +12,7 @@ from jaxrmp.io._axes_and_position import AxesAndPosition
 from jaxrmp.kinematics import ControlPoints, FrameAxes, FrameRotation, PointsInFrame, Position, RelativePoints, panda
 from jaxrmp.learning import initial_flow
 from jaxrmp.learning._flow import Flow
-from jaxrmp.learning._hand_flow import Stacked
+from jaxrmp.learning._hand_flow import HandPose, Stacked
 from jaxrmp.leaves import (
     Attractor,
     CollisionAvoidance,
@@ -97,6 +97,7 @@ MAPS = {
     FrameRotation: (FrameRotation(ROBOT, "panda_link3"), (7,)),
     Flow: (FLOW, (4,)),
     Stacked: (Stacked(HAND), (7,)),
+    HandPose: (HandPose(jnp.asarray([[0.1, 0, 0], [-0.05, 0.0866, 0], [-0.05, -0.0866, 0]])), (9,)),
     Position: (Position(ROBOT, "panda_link3"), (7,)),
     RelativePoints: (RelativePoints(POINTS, jnp.sin), (3,)),
     PointsInFrame: (PointsInFrame(ROBOT, "panda_link3", HAND), (7,)),
