@@ -142,7 +142,7 @@ def test_slopes_are_those_of_jax():
         (jnp.sort, "holds `sort`"),
         (lambda x: x.astype(jnp.float16) * 2, "float16"),
         (lambda x: jnp.round(x).astype(jnp.int32) // 3, "whole numbers"),
-        (lambda x: jax.lax.fori_loop(0, 3, lambda _, x: x * 0.9, x), "holds `"),
+        (lambda x: jax.lax.fori_loop(0, 300, lambda _, x: x * 0.9, x), "holds `scan` of 300 steps"),
         (lambda x: x[jnp.argmax(x)], "holds `argmax`"),
         (lambda x: ((x > 0) < (x > 1)) * x, "`lt` of bool"),
         (lambda x: (x * 100).astype(jnp.int8).astype(jnp.float32), "int8"),
