@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from jaxrmp import ConfigurationError, DemonstrationError, FileWarning, certificate
-from jaxrmp.learning import FlowSettings, learn_paths
+from jaxrmp.learning import FlowSettings, _learn_paths, learn_paths
+from jaxrmp.learning._flow_training import check_stretch
 from jaxrmp.simulation import rollout
 
 FEW = FlowSettings(updates=200, couplings=6, hidden=16)
@@ -74,3 +75,16 @@ def test_what_is_no_path_is_refused(paths, message):
 def test_a_speed_that_is_none_is_refused():
     with pytest.raises(ConfigurationError, match="speed is -1"):
         learn_paths(ARCS, FEW, speed=-1.0)
+
+
+def test_paths_of_which_no_flow_of_the_place_passes_get_the_coordinate_too(monkeypatch):
+    """The check as it is, told that flows of the plane stretch: which of them do by themselves hangs on rounding."""
+
+    def check(fit):
+        check_stretch(fit._replace(stretch=(0.0, 99.0)) if fit.flow.back.shape[-1] == 2 else fit)
+
+    monkeypatch.setattr(_learn_paths, "check_stretch", check)
+    with pytest.warns(FileWarning, match="no flow of the place alone passes: the flow stretches"):
+        found = learn_paths(ARCS, FEW)
+    assert found.lift is not None
+    assert found.start(ARCS[0][0]).shape == (3,)
