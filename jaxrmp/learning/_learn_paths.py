@@ -17,7 +17,7 @@ from ._configuration import FlowSettings
 from ._families import Families, families
 from ._flow_training import FlowFit, check_stretch, train_flow
 from ._measures import discrete_frechet, dtw_distance
-from ._reproduce import rollouts_of
+from ._reproduce import energy_increase, rollouts_of
 
 _EXTENT = 0.5  # m: the settings of a flow are made for paths as large as this
 _TAPER = 0.06  # of the extent: within it the motion slows down
@@ -152,7 +152,7 @@ def learn_paths(
     finite = np.isfinite(rollouts.q).all((1, 2))
     if not finite.all():
         raise TrainingError(f"reproductions of paths {np.flatnonzero(~finite).tolist()} are not finite. {_MEND}")
-    errors = tuple(map(_errors, targets, reproductions, np.asarray(rollouts.energy, float)))
+    errors = tuple(map(_errors, targets, reproductions, rollouts.energy))
     _check_reproductions(errors, extent)
     return PathLearning(policy, goal, lift, targets, fit, reproductions, dt, errors)
 
@@ -232,7 +232,7 @@ def _errors(path: np.ndarray, reproduced: np.ndarray, energy: np.ndarray) -> dic
         "dtw": dtw_distance(a, b),
         "frechet": discrete_frechet(a, b),
         "goal": float(np.linalg.norm(reproduced[-1] - path[-1])),
-        "energy_increase": float(max(np.diff(energy).max(), 0) / np.ptp(energy)),
+        "energy_increase": energy_increase(energy),
     }
 
 

@@ -67,17 +67,22 @@ def reproduce(
     for i, (demonstrated, T) in enumerate(zip(prepared.points, prepared.poses, strict=True)):
         path = in_frame(control_points(robot, skill.frames, offsets, rollouts.q[i]), T)
         points.append(path)
-        energy = rollouts.energy[i].astype(float)
-        span = np.ptp(energy)
         margin = np.minimum(rollouts.q[i] - np.asarray(robot.lower), np.asarray(robot.upper) - rollouts.q[i]).min()
         errors.append(
             {
                 **reproduction_errors(demonstrated, path),
-                "energy_increase": float(max(np.diff(energy).max(), 0) / span) if span > 0 else 0.0,
+                "energy_increase": energy_increase(rollouts.energy[i]),
                 "limit_margin_rad": float(margin),
             }
         )
     return Reproduction(rollouts, np.stack(points), tuple(errors))
+
+
+def energy_increase(energy: np.ndarray) -> float:
+    """The largest rise of V [T] in one step of a rollout, relative to its range; 0 where it has none."""
+    energy = np.asarray(energy, float)
+    span = np.ptp(energy)
+    return float(max(np.diff(energy).max(), 0) / span) if span > 0 else 0.0
 
 
 def rollouts_of(trees: Sequence[Node], starts: np.ndarray, duration: float = 20.0, dt: float = 0.005) -> Rollout:
