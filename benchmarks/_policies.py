@@ -16,10 +16,11 @@ from jaxrmp._pytree import single
 from jaxrmp.io import load_lula
 from jaxrmp.kinematics import ControlPoints, Robot, panda
 from jaxrmp.learning import load_skill
+from jaxrmp.learning._configuration import Method
 from jaxrmp.leaves import Attractor, CollisionAvoidance, Damping, JointLimit
 from jaxrmp.world import Boxes, ObstacleDistances, Spheres, World
 
-from ._skills import Method, skill_file
+from ._skills import skill_file
 
 POSTURE = (0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785)
 GOAL = (0.45, 0.35, 0.45)

@@ -3,14 +3,12 @@
 import os
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal
 
 from jaxrmp.cli._sources import find_demonstrations
 from jaxrmp.learning import Configuration, Learning, learn, load_configuration, save_skill
+from jaxrmp.learning._configuration import Method
 
 from ._report import FOLDER
-
-Method = Literal["auto", "flow", "paper"]
 
 CONFIGS = Path(__file__).parent.parent / "configs"
 
