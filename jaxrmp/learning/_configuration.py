@@ -90,9 +90,9 @@ class FlowSettings:
 
     couplings: Positive[int] = 12
     hidden: Positive[int] = 32
-    updates: Positive[int] = 2000
+    updates: Positive[int] = 4000
     learning_rate: Positive[float] = 0.005
-    mixtures: NonNegative[int] = 8
+    mixtures: NonNegative[int] = 4
     conditioning: NonNegative[float] = 0.01
     identity: NonNegative[float] = 0.1
     circumradius: Positive[float] = 0.15
