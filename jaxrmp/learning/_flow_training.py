@@ -21,8 +21,9 @@ with importing("optax", "learning"):
 
 _SAMPLES = 200  # of a path, evenly in its arc length
 _EVERY = 25  # one of so many is compared at an update
+_JUDGED = 8  # one of so many tells in the end how much the flow stretches space
 _UPDATES_A_CALL = 100
-_PROBES = 16  # places at an update at which the flow is kept from stretching space
+_PROBES = 16  # places near and as many far at an update at which the flow is kept from stretching and turning space
 _LEAST_STRETCH, _MOST_STRETCH = 0.02, 50.0  # of space by a flow, on the demonstrations
 _HUBER = 0.1  # error, over the flow's length, from where on it counts linearly
 
@@ -110,7 +111,7 @@ def train_flow(
             progress((i + 1) * a_call, float(losses[-1].mean()))
     trained = _with(flow, carry[0])
     loop_seconds = time.perf_counter() - clock
-    singular = stretches(trained, np.asarray(data.x)[:, ::8].reshape(-1, m))
+    singular = stretches(trained, np.asarray(data.x)[:, ::_JUDGED].reshape(-1, m))
     ends = float(singular.min()), float(singular.max())
     return FlowFit(trained, np.concatenate(losses), ends, compilation_seconds, loop_seconds)
 
@@ -194,17 +195,17 @@ def _loss(flow: Flow, data: _Paths, drawn: _Draws, settings: FlowSettings) -> ja
     error = error - 0.5 * jnp.sum(error * along, -1, keepdims=True) * along  # when it is there matters half
     fit = jnp.mean(jnp.sqrt(_HUBER**2 + jnp.sum(error**2, -1)) - _HUBER) * _HUBER
     radius = jnp.mean(((jnp.sqrt(jnp.sum(y**2, -1) + 1e-18) - length) / flow.length) ** 2)
-    probes, directions = data.near[drawn.near] + drawn.shift, drawn.direction.reshape(-1, x.shape[-1])
-    if len(data.far):
+    probes = data.near[drawn.near] + drawn.shift
+    if len(data.far):  # in one derivative with those that are near
         probes = jnp.concatenate([probes, data.far[drawn.far]])
-    directions = directions[: len(probes)]
+    directions = drawn.direction.reshape(-1, x.shape[-1])[: len(probes)]
     moved = jax.vmap(lambda x, u: jax.jvp(flow, (x,), (u,))[1])(probes, directions)
-    near, far = moved[: len(drawn.near)], (moved - directions)[len(drawn.near) :]
+    near, turned = moved[: len(drawn.near)], (moved - directions)[len(drawn.near) :]
     conditioning = jnp.mean(jnp.log(jnp.sqrt(jnp.sum(near**2, -1)) + 1e-9) ** 2)
     loss = 100 * fit + 10 * radius + settings.conditioning * conditioning
-    if not len(far):
+    if not len(data.far):
         return loss
-    identity = jnp.mean(data.weights[drawn.far] * jnp.log1p(jnp.sum(far**2, -1)))
+    identity = jnp.mean(data.weights[drawn.far] * jnp.log1p(jnp.sum(turned**2, -1)))
     return loss + settings.identity * x.shape[-1] * identity
 
 
