@@ -85,8 +85,9 @@ class FlowSettings:
     of points that stands for the hand: what its turn counts for; `weight`, the metric of the policy.
 
     `funnel`: 0 for none, else the metric of the leaf that leads joints back to the ways from demonstrated starts;
-    `inner` and `outer`, rad, where it begins and where it is whole; `lead`, how strongly it leads along them, beside
-    towards them. `posture`: the metric of a faint pull to where joints end, which settles what the hand leaves open."""
+    `onset`, rad, how far from them it begins to lead along them, `inner`, towards them, and `outer`, where both are
+    whole; `lead`, how strong along is beside towards. `posture`: the metric of a faint pull to where joints end, which
+    settles what the hand leaves open."""
 
     couplings: Positive[int] = 12
     hidden: Positive[int] = 32
@@ -98,14 +99,16 @@ class FlowSettings:
     circumradius: Positive[float] = 0.15
     weight: Positive[float] = 15.0
     funnel: NonNegative[float] = 18.0
-    inner: Positive[float] = 0.8
-    outer: Positive[float] = 2.0
-    lead: NonNegative[float] = 0.5
+    onset: NonNegative[float] = 0.5
+    inner: Positive[float] = 1.2
+    outer: Positive[float] = 2.2
+    lead: NonNegative[float] = 0.7
     posture: NonNegative[float] = 0.003
 
     def __post_init__(self):
-        if self.outer <= self.inner:
-            raise ConfigurationError(f"flow.outer is {self.outer!r}, expected more than flow.inner, {self.inner!r}.")
+        for name in ("inner", "onset"):
+            if self.outer <= (radius := getattr(self, name)):
+                raise ConfigurationError(f"flow.outer is {self.outer!r}, expected more than flow.{name}, {radius!r}.")
 
 
 @settings("policy")

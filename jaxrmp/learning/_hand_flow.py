@@ -108,15 +108,26 @@ class HandFlow:
         `targets`, as in `task_map`."""
         return pullback(compose(self.task_map(robot, frames, T, targets), self.flow), self.attractor)
 
-    def on_joints(self, robot: Robot, joints: tuple[int, ...], T_before: jax.Array, T: jax.Array) -> Node:
+    def on_joints(
+        self,
+        robot: Robot,
+        joints: tuple[int, ...],
+        T_before: jax.Array,
+        T: jax.Array,
+        targets: jax.Array | None = None,
+    ) -> Node:
         """Funnel and posture of the arm, the coordinates `joints` of `robot`, for an object that moved from `T_before`
-        to `T` [4, 4]: to first order."""
+        to `T` [4, 4], and `targets` [P, 3] instead of its own: to first order."""
         lower, upper = (limit[np.array(joints)] for limit in (robot.lower, robot.upper))
         margin = _MARGIN * (upper - lower > 4 * _MARGIN)
         nodes: list[Node] = []
         for leaf, rows in ((self.funnel, slice(0, -1)), (self.posture, slice(-1, None))):
             if leaf is not None:
-                q = _followed(jnp.asarray(leaf.postures), self.hands[rows], self.moves[rows], T_before, T)
+                hands = jnp.asarray(self.hands[rows])
+                local = _seen_from(hands, T_before)
+                if targets is not None:
+                    local = self._retargeted(local, jnp.asarray(targets, local.dtype))
+                q = _followed(jnp.asarray(leaf.postures), hands, _placed_at(local, T), self.moves[rows])
                 q = jnp.clip(q, jnp.asarray(lower + margin, q.dtype), jnp.asarray(upper - margin, q.dtype))
                 nodes.append(replace(leaf, postures=q))
         return on_coordinates(joints, robot.num_joints, Sum(tuple(nodes))) if nodes else Sum(())
@@ -128,6 +139,17 @@ class HandFlow:
         a, b = jnp.asarray(offsets), jnp.asarray(targets, jnp.asarray(offsets).dtype)
         R = nearest_rotation(matmul((b - b.mean(0)).T, a - a.mean(0)))
         return matmul(self.offsets - a.mean(0), R.T) + b.mean(0)
+
+    def _retargeted(self, hands: jax.Array, targets: jax.Array) -> jax.Array:
+        """Where points [S, P, 3] are that were `hands`, both in the object's frame, if they go to other `targets`."""
+        own = jnp.asarray(self.targets, hands.dtype)
+        if not self.turned:
+            return hands + targets - own
+        radius = length(own[0] - own.mean(0))
+        middle = hands.mean(1, keepdims=True)
+        turns = jax.vmap(lambda hand: axes_of(hand, radius))(hands) @ axes_of(own, radius).T
+        new = matmul(targets - targets.mean(0), jnp.swapaxes(turns, 1, 2))
+        return middle + targets.mean(0) - own.mean(0) + new
 
     def with_gains(self, speed: float, damping_rate: float) -> "HandFlow":
         """The same at another cruise `speed`, m/s, and `damping_rate`, 1/s, of the joints' leaves in proportion."""
@@ -166,7 +188,7 @@ def hand_flow(
     offsets, turned = points
     gains = {"speed": policy.speed, "damping_rate": policy.damping_rate, "weight": settings.weight}
     joints = {"speed": _PACE * policy.speed, "damping_rate": policy.damping_rate}
-    radii = {"inner": settings.inner, "outer": settings.outer}
+    radii = {"inner": settings.inner, "onset": settings.onset, "outer": settings.outer}
     nowhere = np.zeros((1, len(end)))
     funnel = Funnel(nowhere, np.zeros(1), settings.funnel, **radii, **joints) if settings.funnel else None
     posture = Funnel(end[None], 0.0, 0.0, settings.posture, **joints, name="posture") if settings.posture else None
@@ -193,7 +215,8 @@ def along_ways(
     followed, left = [], []
     for way, pose in zip(ways, poses, strict=True):
         hands, moves = _hands(points, way)
-        followed.append(np.asarray(_followed(jnp.asarray(way), hands, moves, pose, T), float))
+        moved = _placed_at(_seen_from(jnp.asarray(hands), pose), T)
+        followed.append(np.asarray(_followed(jnp.asarray(way), hands, moved, moves), float))
         steps = np.linalg.norm(np.diff(way, axis=0), axis=1)
         left.append(lead * np.append(np.cumsum(steps[::-1])[::-1], 0.0))
     postures = np.concatenate(followed)
@@ -218,9 +241,16 @@ def _carried(points: ControlPoints, q: jax.Array) -> Pushforward:
     return jax.vmap(lambda q: points.pushforward(q, jnp.zeros_like(q)))(q)
 
 
-def _followed(q, hands, moves, T_before, T):
-    """Postures `q` [S, n] after an object went from one pose to another, and the hand with it."""
-    T_before, T = jnp.asarray(T_before, q.dtype), jnp.asarray(T, q.dtype)
-    R = matmul(T[:3, :3], T_before[:3, :3].T)
-    gone = matmul(hands - T_before[:3, 3], R.T) + T[:3, 3] - hands
-    return q + einsum("sij,sj->si", moves, gone.reshape(len(q), -1))
+def _seen_from(points: jax.Array, T: jax.Array) -> jax.Array:
+    T = jnp.asarray(T, points.dtype)
+    return matmul(points - T[:3, 3], T[:3, :3])
+
+
+def _placed_at(points: jax.Array, T: jax.Array) -> jax.Array:
+    T = jnp.asarray(T, points.dtype)
+    return matmul(points, T[:3, :3].T) + T[:3, 3]
+
+
+def _followed(q: jax.Array, hands: jax.Array, moved: jax.Array, moves: jax.Array) -> jax.Array:
+    """Postures `q` [S, n] after their `hands` went to `moved`, both [S, P, 3]: to first order, by `moves`."""
+    return q + einsum("sij,sj->si", moves, (moved - hands).reshape(len(q), -1))

@@ -7,7 +7,7 @@ import numpy as np
 from .._errors import SkillFileError
 from .._rotations import nearest_rotation
 
-VERSION = 6
+VERSION = 7
 
 
 class SkillContent(NamedTuple):
@@ -28,7 +28,7 @@ def up_to_date(content: SkillContent) -> SkillContent:
             f"it is of version {version!r}; this jaxrmp reads versions 1 to {VERSION}. It was written by jaxrmp "
             f"{content.header.get('jaxrmp', 'unknown')}: use that or a newer one, or learn the skill again."
         )
-    for migrate in (_from_1_to_2, _from_2_to_3, _from_3_to_4, _from_4_to_5, _from_5_to_6)[version - 1 :]:
+    for migrate in (_from_1_to_2, _from_2_to_3, _from_3_to_4, _from_4_to_5, _from_5_to_6, _from_6_to_7)[version - 1 :]:
         content = migrate(content)
     return content
 
@@ -89,3 +89,14 @@ def _from_5_to_6(content: SkillContent) -> SkillContent:
     softness = {name: np.float32(0.05) for name in arrays if name.endswith("/softness")}  # no longer of squares
     flow = {**header["configuration"].get("flow", {}), "lead": 0.0}
     return SkillContent(header | {"configuration": header["configuration"] | {"flow": flow}}, arrays | added | softness)
+
+
+def _from_6_to_7(content: SkillContent) -> SkillContent:
+    """Funnels say from where on they lead along their postures; an earlier one did from where it led towards them."""
+    header, arrays = content
+    if header["flow"] is None:
+        return content
+    onset = {name.replace("inner", "onset"): a for name, a in arrays.items() if name.endswith("/inner")}
+    flow = header["configuration"]["flow"]
+    flow = {**flow, "onset": flow.get("inner", 0.8)}
+    return SkillContent(header | {"configuration": header["configuration"] | {"flow": flow}}, arrays | onset)

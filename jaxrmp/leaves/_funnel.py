@@ -22,18 +22,20 @@ class Funnel(GeometricDynamicalSystem):
 
     `d(q)`, the distance to the nearest of the postures, is a soft minimum of `|q - q_k|`, and `l(q)`, how much is left
     from where it leads, the soft minimum of `|q - q_k| + left_k` less d. Share `s(d)`: a quintic step from 0 at `inner`
-    to 1 at `outer`, both exact. `G = (w (s + l s') + w_in) I`, `B = damping_rate G`, and `Phi / (speed damping_rate)`
-    is w times the integral of s over d, plus `w s l`, plus `w_in taper log cosh(d / taper)`. With `w_in = 0` there is
-    no force, no inertia and no damping inside the tube. Outside it draws to the nearest posture at `speed`, and with
-    `left`, the length of the way from each posture on, along it as well: else what pulls out of the tube, such as a
-    task whose way bends, can rest at its edge. A range of joints is a box, and so convex: from within, the way back
-    never leaves it. A faint w_in settles what a task leaves open, such as where the elbow of a redundant arm is.
+    to 1 at `outer`, both exact; `a(d)`, the same from `onset`. `G = (w (s + l a') + w_in) I`, `B = damping_rate G`, and
+    `Phi / (speed damping_rate)` is w times the integral of s over d, plus `w a l`, plus `w_in taper log cosh(d /
+    taper)`. With `w_in = 0` there is no force, no inertia and no damping nearer than both `inner` and `onset`. Beyond
+    inner it draws to the nearest posture at `speed`, and beyond onset, with `left`, the length of the way from each
+    posture on, along it as well. An onset well before inner matters: what pulls out of the tube, such as a task whose
+    way bends, rests where a wall alone holds it, and is led on where the way's pull has grown before. A range of
+    joints is a box, and so convex: from within, the way back never leaves it. A faint w_in settles what a task leaves
+    open, such as where the elbow of a redundant arm is.
 
     **Arguments**: `postures` [S, n], rad or m, dense along a path of motion; `left` [S], units of q; `weight` w, the
-    metric far outside; `within` w_in, everywhere; `speed`, rad/s or m/s; `damping_rate`, 1/s; `inner`, `outer`, `taper`
-    and `softness`, units of q.
+    metric far outside; `within` w_in, everywhere; `speed`, rad/s or m/s; `damping_rate`, 1/s; `inner`, `onset`,
+    `outer`, `taper` and `softness`, units of q.
     **Raises** `ConfigurationError` for an inner radius, taper or softness that is not positive, an outer radius that is
-    not larger than the inner, or a negative gain or length.
+    not larger than inner and onset, or a negative gain or length.
 
     >>> leaf = Funnel(jnp.zeros((1, 2)), inner=0.5, outer=1.0)
     >>> leaf(jnp.array([0.3, 0.0]), jnp.ones(2)).M.tolist(), leaf(jnp.array([2.0, 0.0]), jnp.zeros(2)).M[0, 0].tolist()
@@ -49,19 +51,20 @@ class Funnel(GeometricDynamicalSystem):
     speed: NonNegative[jax.Array | float] = 1.0
     damping_rate: NonNegative[jax.Array | float] = 40.0
     inner: Positive[jax.Array | float] = 0.5
+    onset: NonNegative[jax.Array | float] = 0.25
     outer: Positive[jax.Array | float] = 0.8
     softness: Positive[jax.Array | float] = 0.05
     taper: Positive[jax.Array | float] = 0.15
     name: str = static(default="funnel")
 
     def __post_init__(self):
-        radii = (self.inner, self.outer)
-        if not any(isinstance(r, Tracer) for r in radii) and not np.all(
-            np.asarray(self.inner) < np.asarray(self.outer)
-        ):
-            raise ConfigurationError(
-                f"inner of Funnel is {self.inner!r} and outer {self.outer!r}: expected inner < outer."
-            )
+        for name, radius in (("inner", self.inner), ("onset", self.onset)):
+            if any(isinstance(r, Tracer) for r in (radius, self.outer)):
+                continue
+            if not np.all(np.asarray(radius) < np.asarray(self.outer)):
+                raise ConfigurationError(
+                    f"{name} of Funnel is {radius!r} and outer {self.outer!r}: expected {name} < outer."
+                )
 
     def __call__(self, x, xd):
         return self.evaluate(x, xd).dense()
@@ -69,20 +72,22 @@ class Funnel(GeometricDynamicalSystem):
     def evaluate(self, x, xd):
         # G = g I: its curvature force is (g' xd) xd - 1/2 |xd|^2 grad g.
         (d, left), (toward, along) = self._place(x)
-        share, slope, bend = self._share(d)
-        outside = self.weight * (share + left * slope)
+        wall, wall_slope, _ = _share(d, self.inner, self.outer)
+        share, slope, bend = _share(d, self.onset, self.outer)
+        outside = self.weight * (wall + left * slope)
         well = self.within * jnp.tanh(d / self.taper)
         pull = (outside + well) * toward + self.weight * share * along
         g = outside + self.within
-        rise = self.weight * ((slope + left * bend) * toward + slope * along)
+        rise = self.weight * ((wall_slope + left * bend) * toward + slope * along)
         f = -self.damping_rate * (self.speed * pull + g * xd)
         f = f - matmul(rise, xd) * xd + 0.5 * matmul(xd, xd) * rise
         return DiagonalForm(f.astype(x.dtype), jnp.broadcast_to(g, x.shape).astype(x.dtype))
 
     def metric(self, x, xd):
         (d, left), _ = self._place(x)
-        share, slope, _ = self._share(d)
-        g = self.weight * (share + left * slope) + self.within
+        wall, _, _ = _share(d, self.inner, self.outer)
+        _, slope, _ = _share(d, self.onset, self.outer)
+        g = self.weight * (wall + left * slope) + self.within
         return (g * jnp.eye(x.shape[0])).astype(x.dtype)
 
     def potential(self, x):
@@ -92,7 +97,7 @@ class Funnel(GeometricDynamicalSystem):
         t = jnp.clip(u, 0, 1)
         integral = width * (t**4 * (2.5 + t * (t - 3)) + jnp.maximum(u - 1, 0))
         well = self.within * self.taper * log_cosh((d / self.taper) ** 2)
-        outside = integral + self._share(d)[0] * left
+        outside = integral + _share(d, self.onset, self.outer)[0] * left
         return (self.speed * self.damping_rate * (self.weight * outside + well)).astype(x.dtype)
 
     def distance(self, x: jax.Array) -> jax.Array:
@@ -102,13 +107,6 @@ class Funnel(GeometricDynamicalSystem):
 
     def gap(self, x):
         return jnp.maximum(self.distance(x) - self.inner, 0).astype(x.dtype)
-
-    def _share(self, d):
-        """s at a distance, its slope, and the slope of that."""
-        width = self.outer - self.inner
-        t = jnp.clip((d - self.inner) / width, 0, 1)
-        share = t**3 * (10 + t * (6 * t - 15))
-        return share, 30 * (t * (1 - t)) ** 2 / width, 60 * t * (1 - t) * (1 - 2 * t) / width**2
 
     def _place(self, x):
         """d and l at a place, and the slopes [n] of both."""
@@ -126,3 +124,11 @@ class Funnel(GeometricDynamicalSystem):
         shares = jnp.exp((least - values) / self.softness)
         total = jnp.sum(shares)
         return least - self.softness * jnp.log(total), matmul(shares / total, slopes)
+
+
+def _share(d, inner, outer):
+    """From 0 at `inner` to 1 at `outer`, a quintic of the distance d: with its slope, and the slope of that."""
+    width = outer - inner
+    t = jnp.clip((d - inner) / width, 0, 1)
+    share = t**3 * (10 + t * (6 * t - 15))
+    return share, 30 * (t * (1 - t)) ** 2 / width, 60 * t * (1 - t) * (1 - 2 * t) / width**2
