@@ -108,15 +108,19 @@ class HandFlow:
         `targets`, as in `task_map`."""
         return pullback(compose(self.task_map(robot, frames, T, targets), self.flow), self.attractor)
 
-    def on_joints(self, robot: Robot, joints: tuple[int, ...], T_before: jax.Array, T: jax.Array) -> Node:
+    def on_joints(
+        self, robot: Robot, joints: tuple[int, ...], T_before: jax.Array, T: jax.Array, targets: jax.Array | None = None
+    ) -> Node:
         """Funnel and posture of the arm, the coordinates `joints` of `robot`, for an object that moved from `T_before`
-        to `T` [4, 4]: to first order."""
+        to `T` [4, 4], and the posture for `targets` [P, 3] instead of the hand's own: to first order."""
         lower, upper = (limit[np.array(joints)] for limit in (robot.lower, robot.upper))
         margin = _MARGIN * (upper - lower > 4 * _MARGIN)
         nodes: list[Node] = []
+        of_targets = 0 if targets is None else matmul(targets - self.targets, jnp.asarray(T)[:3, :3].T)
         for leaf, rows in ((self.funnel, slice(0, -1)), (self.posture, slice(-1, None))):
             if leaf is not None:
-                q = _followed(jnp.asarray(leaf.postures), self.hands[rows], self.moves[rows], T_before, T)
+                q = jnp.asarray(leaf.postures)
+                q = _followed(q, self.hands[rows], self.moves[rows], T_before, T, of_targets if leaf is self.posture else 0)
                 q = jnp.clip(q, jnp.asarray(lower + margin, q.dtype), jnp.asarray(upper - margin, q.dtype))
                 nodes.append(replace(leaf, postures=q))
         return on_coordinates(joints, robot.num_joints, Sum(tuple(nodes))) if nodes else Sum(())
@@ -141,14 +145,18 @@ def hand_points(frames: tuple[str, ...], offsets: np.ndarray, circumradius: floa
     """Points that stand for the hand: offsets [P, 3] in the first frame, m, and whether they are a triangle.
 
     Three control points and more on one frame are a rigid hand, whose turn matters, however nearly they lie on a line:
-    a triangle around their middle, across the frame's z axis, tells it. Else the control points themselves.
+    a triangle around their middle, `triangle_round`, tells it. Else the control points themselves.
     """
     offsets = np.asarray(offsets, float)
     if len(set(frames)) > 1 or len(offsets) < 3 or np.linalg.matrix_rank(offsets - offsets.mean(0), 1e-5) < 2:
         return offsets, False
+    return triangle_round(offsets.mean(0), circumradius), True
+
+
+def triangle_round(middle: np.ndarray, circumradius: float) -> np.ndarray:
+    """The corners [3, 3], m, of an equilateral triangle around `middle` [3], across the z axis of its frame."""
     angles = 2 * np.pi / 3 * np.arange(3)
-    triangle = circumradius * np.stack([np.cos(angles), np.sin(angles), np.zeros(3)], axis=1)
-    return offsets.mean(0) + triangle, True
+    return np.asarray(middle) + circumradius * np.stack([np.cos(angles), np.sin(angles), np.zeros(3)], axis=1)
 
 
 def hand_flow(
@@ -218,9 +226,9 @@ def _carried(points: ControlPoints, q: jax.Array) -> Pushforward:
     return jax.vmap(lambda q: points.pushforward(q, jnp.zeros_like(q)))(q)
 
 
-def _followed(q, hands, moves, T_before, T):
-    """Postures `q` [S, n] after an object went from one pose to another, and the hand with it."""
+def _followed(q, hands, moves, T_before, T, further=0):
+    """Postures `q` [S, n] after an object went from one pose to another, and the hand with it and `further` [P, 3]."""
     T_before, T = jnp.asarray(T_before, q.dtype), jnp.asarray(T, q.dtype)
     R = matmul(T[:3, :3], T_before[:3, :3].T)
-    gone = matmul(hands - T_before[:3, 3], R.T) + T[:3, 3] - hands
+    gone = matmul(hands - T_before[:3, 3], R.T) + T[:3, 3] - hands + further
     return q + einsum("sij,sj->si", moves, gone.reshape(len(q), -1))

@@ -98,11 +98,16 @@ class Skill:
         return self.flow.leaf(robot, self.frames, pose, points)
 
     def on_joints(
-        self, robot: Robot, T_world_object: jax.Array | None = None, joints: tuple[int, ...] | None = None
+        self,
+        robot: Robot,
+        T_world_object: jax.Array | None = None,
+        joints: tuple[int, ...] | None = None,
+        targets: jax.Array | None = None,
     ) -> Node:
         """What acts on the joints: damping, limits, and with a flow what leads them back to where it was learned.
 
-        **Arguments**: `T_world_object` as in `task_map`; `joints`, coordinates of `robot`, the arm's, by default all.
+        **Arguments**: `T_world_object` and `targets` as in `task_map`; `joints`, coordinates of `robot`, the arm's, by
+        default all.
         """
         n = robot.num_joints
         joints = tuple(range(n)) if joints is None else joints
@@ -112,11 +117,12 @@ class Skill:
         if self.flow is None:
             return node
         pose = self.T_world_object if T_world_object is None else T_world_object
-        return node + self.flow.on_joints(robot, joints, self.T_world_object, pose)
+        points = None if targets is None else self.flow.targets_at(self.offsets, targets)
+        return node + self.flow.on_joints(robot, joints, self.T_world_object, pose, points)
 
     def tree(self, robot: Robot, T_world_object: jax.Array | None = None, targets: jax.Array | None = None) -> Node:
         """The whole policy: learned leaves, and those of `on_joints`; arguments as in `task_map`."""
-        return self.leaf(robot, T_world_object, targets) + self.on_joints(robot, T_world_object)
+        return self.leaf(robot, T_world_object, targets) + self.on_joints(robot, T_world_object, targets=targets)
 
     def with_gains(self, speed: float, damping_rate: float) -> "Skill":
         """The same skill at another cruise `speed`, m/s, and `damping_rate`, 1/s: geometry stays, tempo changes."""
