@@ -25,8 +25,8 @@ _SOME_RANGE = {"lower": np.zeros(1), "upper": np.ones(1), "rest": np.zeros(1)}  
 
 @dataclass(frozen=True)
 class Subtask:
-    """What moves, `name`: by `kind` "points" one control point, `offset` [3], m, in the robot's frame `frame`; by "pose"
-    the whole frame there, its position and its turn. **Raises** `UnknownNameError` for another kind."""
+    """What moves, `name`: by `kind` "points" a control point, `offset` [3], m, in the robot's frame `frame`; by "pose"
+    that point and how the frame is turned. **Raises** `UnknownNameError` for another kind."""
 
     name: str
     frame: str
@@ -138,9 +138,9 @@ class PolicySettings:
 class Configuration:
     """Everything that `learn` needs besides the demonstrations.
 
-    `name` of the skill; `subtasks`, its control points, or one pose of a hand; `robot`, "panda" or the path of an MJCF or URDF file;
-    `recording`, what the files of demonstrations leave open; `poses`, how the robot follows them where they have no
-    joints; `fixed_joints`, joints of that file that stay at a value;
+    `name` of the skill; `subtasks`, its control points, or one pose of a hand; `robot`, "panda" or the path of an MJCF
+    or URDF file; `recording`, what the files of demonstrations leave open; `poses`, how the robot follows them where
+    they have no joints; `fixed_joints`, joints of that file that stay at a value;
     `base`, the frame of the robot in which object poses were recorded; `object`, the tracked object whose frame the
     skill lives in, empty for the axes of `base` at the mean final position of the first control point; `seed`, of all
     that is random; `method`, "flow", "paper" or "auto", see `learn`; `preprocessing`, `target`, `flow`, `potential`,

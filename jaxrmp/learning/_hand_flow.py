@@ -120,7 +120,9 @@ class HandFlow:
         for leaf, rows in ((self.funnel, slice(0, -1)), (self.posture, slice(-1, None))):
             if leaf is not None:
                 q = jnp.asarray(leaf.postures)
-                q = _followed(q, self.hands[rows], self.moves[rows], T_before, T, of_targets if leaf is self.posture else 0)
+                q = _followed(
+                    q, self.hands[rows], self.moves[rows], T_before, T, of_targets if leaf is self.posture else 0
+                )
                 q = jnp.clip(q, jnp.asarray(lower + margin, q.dtype), jnp.asarray(upper - margin, q.dtype))
                 nodes.append(replace(leaf, postures=q))
         return on_coordinates(joints, robot.num_joints, Sum(tuple(nodes))) if nodes else Sum(())

@@ -85,7 +85,8 @@ def reproduction_errors(demo_points: np.ndarray, rollout_points: np.ndarray, sam
 def turn_errors(demonstrated: np.ndarray, rolled: np.ndarray, samples: int = 200) -> dict[str, float]:
     """How far a rigid hand is from its demonstration in place and turn.
 
-    Both ways are resampled to `samples` hands, even in the mean path of the corners, and compared one by one.
+    Both ways are resampled to `samples` hands, even in the path of the corners, and put together by dynamic time
+    warping of the corners, place and turn at once; the means are over the pairs of that alignment.
 
     **Arguments**: `demonstrated` [T, 3, 3] and `rolled` [S, 3, 3], m, corners of a triangle on the hand, in one frame.
     **Returns** `position_percent`, the mean distance of the triangles' middles in percent of the path that the
@@ -95,17 +96,34 @@ def turn_errors(demonstrated: np.ndarray, rolled: np.ndarray, samples: int = 200
     shapes = np.shape(demonstrated), np.shape(rolled)
     if any(len(shape) != 3 or shape[1:] != (3, 3) for shape in shapes):
         raise ShapeError(f"hands have shapes {shapes[0]} and {shapes[1]}, expected [T, 3, 3] and [S, 3, 3].")
-    a, b = (
-        resample_by_arc_length(np.reshape(way, (-1, 9)), samples).reshape(-1, 3, 3) for way in (demonstrated, rolled)
-    )
-    middles = a.mean(1)
+    ways = [resample_by_arc_length(np.reshape(way, (-1, 9)), samples) for way in (demonstrated, rolled)]
+    a, b = (way[rows].reshape(-1, 3, 3) for way, rows in zip(ways, _warped(*ways), strict=True))
     path = np.linalg.norm(np.diff(np.mean(demonstrated, axis=1), axis=0), axis=1).sum()
     angles = np.degrees(_angles(a, b))
     return {
-        "position_percent": 100 * float(np.linalg.norm(middles - b.mean(1), axis=1).mean() / max(path, 1e-9)),
+        "position_percent": 100 * float(np.linalg.norm(a.mean(1) - b.mean(1), axis=1).mean() / max(path, 1e-9)),
         "turn_deg": float(angles.mean()),
         "goal_turn_deg": float(angles[-1]),
     }
+
+
+def _warped(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The rows of paths `a` [T, m] and `b` [S, m] that belong together by `dtw_distance`, each [P]."""
+    T, S = len(a), len(b)
+    distances = np.linalg.norm(a[:, None] - b, axis=-1).tolist()
+    total = [
+        [np.inf] * (S + 1) for _ in range(T + 1)
+    ]  # the least sum to each pair, a row and a column before the first
+    total[0][0] = 0.0
+    for i, row in enumerate(distances):
+        for j, distance in enumerate(row):
+            total[i + 1][j + 1] = distance + min(total[i][j], total[i][j + 1], total[i + 1][j])
+    pairs, i, j = [], T, S
+    while i:
+        pairs.append((i - 1, j - 1))
+        i, j = min(((i - 1, j - 1), (i - 1, j), (i, j - 1)), key=lambda at: total[at[0]][at[1]])
+    rows, columns = np.array(pairs[::-1]).T
+    return rows, columns
 
 
 def _angles(a: np.ndarray, b: np.ndarray) -> np.ndarray:

@@ -61,12 +61,12 @@ def on_robot(
     missed = ~((found.position <= _FAR) & (found.turn <= _TURNED))
     if missed.any():
         k, i = (int(at[0]) for at in np.nonzero(missed))
-        away = np.linalg.norm(wanted[k, i, :3, 3] - T_world_base[:3, 3])
+        at = (np.linalg.inv(T_world_base) @ wanted[k, i])[:3, 3]
         other = "start" if place == "recorded" else "recorded"
         raise DemonstrationError(
             f"demonstration {k} ({poses.source}): {robot.name!r} cannot bring {frame!r} to the pose at sample {i}, at "
-            f"{(np.linalg.inv(T_world_base) @ wanted[k, i])[:3, 3].round(3).tolist()} in {base!r}, {away:.2f} m from it: "
-            f"it is off by {1000 * found.position[k, i]:.1f} mm and {np.degrees(found.turn[k, i]):.1f} degrees. Choose "
+            f"{at.round(3).tolist()} in {base!r}, {np.linalg.norm(at):.2f} m from it: it is off by "
+            f"{1000 * found.position[k, i]:.1f} mm and {np.degrees(found.turn[k, i]):.1f} degrees. Choose "
             f"another start posture (poses.start) or place (poses.place = {other!r}), or the frame that was recorded "
             "(poses.frame)."
         )

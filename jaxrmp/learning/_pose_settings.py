@@ -39,7 +39,9 @@ class PoseSettings:
             for name in start:
                 UnknownNameError.check("joint in poses.start", name, names)
             if missing := [name for name in names if name not in start]:
-                raise ConfigurationError(f"poses.start has no {missing}: give a value for each joint of {robot.name!r}.")
+                raise ConfigurationError(
+                    f"poses.start has no {missing}: give a value for each joint of {robot.name!r}."
+                )
             start = tuple(start[name] for name in names)
         if len(start) != len(names):
             raise ConfigurationError(

@@ -40,7 +40,8 @@ def prepare(configuration: Configuration, robot: Robot, demonstrations: Demonstr
 
     The object's frame is its pose at each demonstration's first sample; if the configuration or the whole set has no
     tracked object, it has the axes of the robot's `base` frame and its origin at the mean final position of the first
-    control point, or of the middle of a pose. The demonstrations are made the robot's own first, as `fit_to_robot` does.
+    control point, or of the middle of a pose. The demonstrations are made the robot's own first, as `fit_to_robot`
+    does.
 
     **Arguments**: `configuration`; its `robot`; `demonstrations`. **Raises** `DemonstrationError` if the object moves
     during a demonstration, or a control point ends where it began or crosses its own path, which no stable policy can
