@@ -159,8 +159,9 @@ def _led_along_its_own_ways(skill: Skill, robot: Robot, prepared: PreparedDemons
     rollouts = reproduce(replace(skill, flow=free), robot, prepared, duration=duration, own_targets=False).rollouts
     ways = [q.astype(float) for q in rollouts.q]
     if motion.posture is not None:
-        ends = np.mean([way[-1] for way in ways], axis=0, keepdims=True).astype(np.float32)
-        motion = replace(motion, posture=replace(motion.posture, postures=ends))
+        ends = np.stack([way[-1] for way in ways])
+        middle = np.linalg.norm(ends[:, None] - ends, axis=-1).sum(0).argmin()  # one that is, not a mean of branches
+        motion = replace(motion, posture=replace(motion.posture, postures=ends[middle, None].astype(np.float32)))
     return replace(skill, flow=led_along(motion, skill.configuration, robot, ways, prepared.poses))
 
 
