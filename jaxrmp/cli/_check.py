@@ -170,7 +170,9 @@ def _length(robot: Robot, link: str) -> float:
 def _configuration(arguments: argparse.Namespace, found: _Findings) -> None:
     configuration = load_configuration(arguments.file)
     found.read |= {"name": configuration.name, "object": configuration.object or "none"}
-    found.read["subtasks"] = [f"{s.name}: {s.offset} in {s.frame}" for s in configuration.subtasks]
+    found.read["subtasks"] = [
+        f"{s.name}: {'pose at ' if s.kind == 'pose' else ''}{s.offset} in {s.frame}" for s in configuration.subtasks
+    ]
     robot = found.attempt(configuration.load_robot)
     if robot is None:
         return

@@ -11,6 +11,7 @@ from ..learning import (
     Configuration,
     DemonstrationSet,
     Learning,
+    PoseSettings,
     RecordingSettings,
     families,
     learn,
@@ -55,7 +56,7 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
             members = replace(demonstrations, demonstrations=tuple(demonstrations[n] for n in group))
             folder = save_demonstrations(members, out / f"group_{k}" / "demonstrations", overwrite=True)
             print(f"group_{k}: demonstrations {', '.join(map(str, group))}, in {folder} as 0 to {len(group) - 1}")
-            own = replace(configuration, recording=RecordingSettings())  # the copies leave nothing open
+            own = replace(configuration, recording=RecordingSettings(), poses=PoseSettings())  # copies leave none open
             report = _learn(own, robot, find_demonstrations(str(folder)), folder.parent, arguments)
             learned.append({"demonstrations_of_all": list(group), **report})
         report = {"groups": learned, "odd": list(found.odd)}

@@ -106,6 +106,7 @@ def made_by(command: str, configuration: Configuration, source: str) -> dict[str
     }
 
 
+_TURNS = "  position_percent  turn_deg  goal_turn_deg"
 NOT_VALIDATED = "not validated: --validate learns with each demonstration left out in turn, and reproduces that one"
 
 
@@ -114,20 +115,35 @@ def validation_table(validation: dict[str, Any] | None) -> str:
     none."""
     if validation is None:
         return NOT_VALIDATED
+    turned = any(tells_turns(fold["held_out"]) for fold in validation["folds"])
     lines = [
         "each left out in turn, learned without it, and reproduced (held out), beside those learned from (training)",
-        "left_out  dtw_cm  frechet_cm  goal_cm  training_dtw_cm  training_frechet_cm  method",
+        f"left_out  dtw_cm  frechet_cm  goal_cm{_TURNS * turned}  training_dtw_cm  training_frechet_cm  method",
     ]
     rows = [(str(f["left_out"]), f["held_out"], f["training"], f["method"]) for f in validation["folds"]]
     for name, held_out, training, method in [*rows, ("mean", validation["held_out"], validation["training"], "")]:
         if held_out is not None:
             lines.append(
                 f"{name:<10}{held_out['dtw_cm']:>6.2f}{held_out['frechet_cm']:>12.2f}{held_out['goal_cm']:>9.3f}"
-                f"{training['dtw_cm']:>17.2f}{training['frechet_cm']:>21.2f}  {method}".rstrip()
+                f"{_turns(held_out) if turned else ''}{training['dtw_cm']:>17.2f}{training['frechet_cm']:>21.2f}"
+                f"  {method}".rstrip()
             )
     lines += [fold_failed(f) for f in validation["folds"] if f["failed"]]
     lines.append(folds_passed(validation))
     return "\n".join(lines)
+
+
+def tells_turns(errors: Mapping[str, Any] | None) -> bool:
+    """Whether `errors` of a reproduction say how far the hand is turned off."""
+    value = errors and errors.get("turn_deg")
+    return value is not None and math.isfinite(value)
+
+
+def _turns(errors: Mapping[str, Any]) -> str:
+    """The cells of a row under `_TURNS`."""
+    if not tells_turns(errors):
+        return f"{'-':>18}{'-':>10}{'-':>15}"
+    return f"{errors['position_percent']:>18.2f}{errors['turn_deg']:>10.2f}{errors['goal_turn_deg']:>15.2f}"
 
 
 def fold_failed(fold: Mapping[str, Any]) -> str:
@@ -147,11 +163,12 @@ def error_table(result: dict[str, Any]) -> str:
     if result["learned_from"] != result["measured_on"]:
         lines.append(f"note: learned from {result['learned_from']}, measured on other demonstrations")
     lines.append(f"measured on {result['measured_on']}")
-    lines.append("demo    dtw_cm  frechet_cm  goal_cm  energy_increase  limit_margin_rad")
+    turned = tells_turns(result["mean"])
+    lines.append(f"demo    dtw_cm  frechet_cm  goal_cm{_TURNS * turned}  energy_increase  limit_margin_rad")
     for name, e in [(str(e["demo"]), e) for e in result["per_demo"]] + [("mean", result["mean"])]:
         lines.append(
-            f"{name:<6}{e['dtw_cm']:>8.2f}{e['frechet_cm']:>12.2f}{e['goal_cm']:>9.3f}{e['energy_increase']:>17.1e}"
-            f"{e['limit_margin_rad']:>18.3f}"
+            f"{name:<6}{e['dtw_cm']:>8.2f}{e['frechet_cm']:>12.2f}{e['goal_cm']:>9.3f}"
+            f"{_turns(e) if turned else ''}{e['energy_increase']:>17.1e}{e['limit_margin_rad']:>18.3f}"
         )
     for e in result["per_demo"]:
         if names := e["rests_away_from"]:

@@ -7,7 +7,7 @@ from typing import Any
 
 from ..reports import _page
 from ..reports._page import heading, numbers, paragraph, percent, records
-from ._output import NOT_VALIDATED, fold_failed, folds_passed
+from ._output import NOT_VALIDATED, fold_failed, folds_passed, tells_turns
 
 FIGURES = {
     "vector_field": (
@@ -24,6 +24,12 @@ FIGURES = {
     "physics": ("Physics over time", "The furniture's joint, the fastest joint and the largest torque of every trial."),
     "snapshots": ("Snapshots", "One trial at six instants."),
 }
+_TURN_NAMES = {
+    "place, % of the path": "position_percent",
+    "turn, degrees": "turn_deg",
+    "turn at the goal, degrees": "goal_turn_deg",
+}
+_TURNS = {title: lambda e, name=name: f"{e[name]:.2f}" for title, name in _TURN_NAMES.items()}
 
 
 def pictures_in(paths: Iterable[Path]) -> dict[str, tuple[bytes, str]]:
@@ -55,6 +61,7 @@ def learning_page(
                 "DTW, cm": lambda e: f"{e['dtw_cm']:.2f}",
                 "Fréchet, cm": lambda e: f"{e['frechet_cm']:.2f}",
                 "goal, cm": lambda e: f"{e['goal_cm']:.2f}",
+                **(_TURNS if tells_turns(reproduction["mean"]) else {}),
                 "energy increase": lambda e: f"{e['energy_increase']:.1e}",
                 "limit margin, rad": lambda e: f"{e['limit_margin_rad']:.3f}",
                 "rests away from": lambda e: ", ".join(e["rests_away_from"]),
@@ -89,7 +96,7 @@ def _validation(validation: Mapping[str, Any] | None) -> list[str]:
     mean = {"left_out": "mean", "method": "", "failed": None, **validation}
 
     def error(kind: str, name: str) -> Callable[[Mapping[str, Any]], str]:
-        return lambda fold: "" if fold[kind] is None else f"{fold[kind][name]:.2f}"
+        return lambda fold: "" if fold[kind] is None else f"{fold[kind][name]:.2f}".replace("nan", "-")
 
     return [
         title,
@@ -105,6 +112,11 @@ def _validation(validation: Mapping[str, Any] | None) -> list[str]:
                 "held out: DTW, cm": error("held_out", "dtw_cm"),
                 "Fréchet, cm": error("held_out", "frechet_cm"),
                 "goal, cm": error("held_out", "goal_cm"),
+                **{
+                    f"held out: {title}": error("held_out", name)
+                    for title, name in _TURN_NAMES.items()
+                    if tells_turns(validation["held_out"])
+                },
                 "training: DTW, cm": error("training", "dtw_cm"),
                 "training: Fréchet, cm": error("training", "frechet_cm"),
             },

@@ -110,8 +110,11 @@ def find_demonstrations(
         raise DemonstrationError(
             f"which synthetic task? Write {SYNTHETIC}TASK, TASK one of {', '.join(SYNTHETIC_TASKS)}."
         )
-    known = (configuration.recording, robot, configuration.base, configuration.object) if configuration else ()
-    return replace(load_demonstrations(named, *known), source=str(Path(named).resolve()))
+    known = {}
+    if configuration:
+        known = {"recording": configuration.recording, "robot": robot, "base": configuration.base}
+        known |= {"tracked": configuration.object, "poses": configuration.followed}
+    return replace(load_demonstrations(named, **known), source=str(Path(named).resolve()))
 
 
 def demonstrations_of(skill: Skill, named: str | None, robot: Robot) -> DemonstrationSet:

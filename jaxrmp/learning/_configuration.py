@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from typing import Literal, get_args
 
 import numpy as np
@@ -12,22 +12,29 @@ from .._pytree import set_field
 from .._ranges import NonNegative, Positive, settings
 from ..kinematics import Robot, load_robot, panda
 from ..leaves import Damping, JointLimit
+from ._pose_settings import PoseSettings
 from ._preprocessing import PreprocessingSettings
 from ._recording import RecordingSettings
 
 ACTIVATIONS = ("relu", "softplus", "silu", "tanh")
 LOSSES = ("smooth_l1", "l2")
 Method = Literal["auto", "flow", "paper"]
+Kind = Literal["points", "pose"]
 _SOME_RANGE = {"lower": np.zeros(1), "upper": np.ones(1), "rest": np.zeros(1)}  # a robot's, not a configuration's
 
 
 @dataclass(frozen=True)
 class Subtask:
-    """One control point whose motion matters, `name`: `offset` [3], m, in the robot's frame `frame`."""
+    """What moves, `name`: by `kind` "points" a control point, `offset` [3], m, in the robot's frame `frame`; by "pose"
+    that point and how the frame is turned. **Raises** `UnknownNameError` for another kind."""
 
     name: str
     frame: str
     offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    kind: Kind = "points"
+
+    def __post_init__(self):
+        UnknownNameError.check("kind of subtask", self.kind, get_args(Kind))
 
 
 @settings("target")
@@ -134,8 +141,9 @@ class PolicySettings:
 class Configuration:
     """Everything that `learn` needs besides the demonstrations.
 
-    `name` of the skill; `subtasks`, its control points; `robot`, "panda" or the path of an MJCF or URDF file;
-    `recording`, what the files of demonstrations leave open; `fixed_joints`, joints of that file that stay at a value;
+    `name` of the skill; `subtasks`, its control points, or one pose of a hand; `robot`, "panda" or the path of an MJCF
+    or URDF file; `recording`, what the files of demonstrations leave open; `poses`, how the robot follows them where
+    they have no joints; `fixed_joints`, joints of that file that stay at a value;
     `base`, the frame of the robot in which object poses were recorded; `object`, the tracked object whose frame the
     skill lives in, empty for the axes of `base` at the mean final position of the first control point; `seed`, of all
     that is random; `method`, "flow", "paper" or "auto", see `learn`; `preprocessing`, `target`, `flow`, `potential`,
@@ -153,6 +161,7 @@ class Configuration:
     seed: int = 0
     method: Method = "auto"
     recording: RecordingSettings = RecordingSettings()
+    poses: PoseSettings = PoseSettings()
     preprocessing: PreprocessingSettings = PreprocessingSettings()
     target: TargetSettings = TargetSettings()
     flow: FlowSettings = FlowSettings()
@@ -169,12 +178,38 @@ class Configuration:
                 f"name is {self.name!r}, expected letters, digits, '_', '-' or '.': files bear it."
             )
         UnknownNameError.check("method", self.method, get_args(Method))
+        if self.of_pose and len(names) > 1:
+            raise ConfigurationError(
+                f"subtasks {names} have a pose among them, which says all of a hand: leave the others out, or give "
+                'three control points on that frame instead (kind = "points").'
+            )
+        if self.of_pose and self.method == "paper":
+            raise ConfigurationError(
+                f"subtask {names[0]!r} is a pose, of which method 'paper' knows nothing: set method to 'auto' or "
+                "'flow', or give three control points instead."
+            )
         if self.seed < 0:
             raise ConfigurationError(f"seed is {self.seed!r}, expected 0 or more.")
         if self.robot == "panda" and self.fixed_joints:
             raise ConfigurationError(
                 f"fixed_joints is {dict(self.fixed_joints)!r}, but the built-in Panda has none to fix: its fingers are."
             )
+
+    @property
+    def of_pose(self) -> bool:
+        """Whether a subtask is the pose of a whole hand."""
+        return any(subtask.kind == "pose" for subtask in self.subtasks)
+
+    @property
+    def followed(self) -> PoseSettings:
+        """`poses` with the frame that follows demonstrations without joints: if it names none, that of the subtasks.
+
+        **Raises** `ConfigurationError` if they are on several.
+        """
+        frames = list(dict.fromkeys(subtask.frame for subtask in self.subtasks))
+        if self.poses.start and not self.poses.frame and len(frames) > 1:
+            raise ConfigurationError(f"subtasks are on {frames}: say which of them was recorded, poses.frame.")
+        return self.poses if self.poses.frame else replace(self.poses, frame=frames[0])
 
     def load_robot(self) -> Robot:
         """The built-in Panda, or the robot of the MJCF or URDF file that is named. **Raises** as `load_robot`."""

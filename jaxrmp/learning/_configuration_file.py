@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import tomllib
+import types
 import typing
 from collections.abc import Mapping
 from pathlib import Path
@@ -54,6 +55,9 @@ def configuration_from_dict(content: Mapping[str, Any]) -> Configuration:
 def _build(kind: Any, value: Any, where: str) -> Any:
     """Turn plain data into the annotated type `kind`, or say what does not fit."""
     origin, arguments = typing.get_origin(kind), typing.get_args(kind)
+    if origin is types.UnionType:  # a section of keys or a list
+        section = isinstance(value, Mapping)
+        return _build(next(k for k in arguments if (typing.get_origin(k) is Mapping) == section), value, where)
     if dataclasses.is_dataclass(kind):
         if not isinstance(value, Mapping):
             raise ConfigurationError(f"{where} is {value!r}, expected a section of keys.")

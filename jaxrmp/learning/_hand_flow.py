@@ -163,14 +163,18 @@ def hand_points(frames: tuple[str, ...], offsets: np.ndarray, circumradius: floa
     """Points that stand for the hand: offsets [P, 3] in the first frame, m, and whether they are a triangle.
 
     Three control points and more on one frame are a rigid hand, whose turn matters, however nearly they lie on a line:
-    a triangle around their middle, across the frame's z axis, tells it. Else the control points themselves.
+    a triangle around their middle, `triangle_round`, tells it. Else the control points themselves.
     """
     offsets = np.asarray(offsets, float)
     if len(set(frames)) > 1 or len(offsets) < 3 or np.linalg.matrix_rank(offsets - offsets.mean(0), 1e-5) < 2:
         return offsets, False
+    return triangle_round(offsets.mean(0), circumradius), True
+
+
+def triangle_round(middle: np.ndarray, circumradius: float) -> np.ndarray:
+    """The corners [3, 3], m, of an equilateral triangle around `middle` [3], across the z axis of its frame."""
     angles = 2 * np.pi / 3 * np.arange(3)
-    triangle = circumradius * np.stack([np.cos(angles), np.sin(angles), np.zeros(3)], axis=1)
-    return offsets.mean(0) + triangle, True
+    return np.asarray(middle) + circumradius * np.stack([np.cos(angles), np.sin(angles), np.zeros(3)], axis=1)
 
 
 def hand_flow(

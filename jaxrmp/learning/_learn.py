@@ -19,7 +19,7 @@ from ._flow_training import check_stretch
 from ._hand_flow import HandFlow
 from ._learn_flow import FlowLearning, learn_flow, led_along
 from ._learn_paper import PaperLearning, learn_paper
-from ._prepare import PreparedDemonstrations, control_point_frames, demonstrated_end, prepare
+from ._prepare import PreparedDemonstrations, control_point_frames, control_point_names, demonstrated_end, prepare
 from ._reproduce import Reproduction, reproduce
 from ._skill import Skill, joint_leaves, mean_pose, rigid_targets
 
@@ -57,7 +57,8 @@ def learn(
     """Learn a skill of several subtasks from a demonstration set.
 
     By a flow, `learn_flow`, one policy for the whole hand; or by the paper's steps, `learn_paper`, a policy for each
-    control point. With the configuration's `method = "auto"` by a flow, and where that does not pass, by the paper's. A
+    control point. With the configuration's `method = "auto"` by a flow, and where that does not pass, by the paper's,
+    unless a subtask is a pose. A
     flow passes if it stretches space nowhere on the demonstrations beyond what rollouts can follow, and if all of them,
     reproduced by the whole policy, end at the goal, with an energy that does not rise. Before, a `FileWarning` says
     which demonstrations disagree, as `families` finds.
@@ -103,7 +104,7 @@ def learn(
             why = "asked for" if configuration.method == "flow" else "it passes all checks"
             return Learning(skill, prepared, agreement, None, flow, reproduction, why, seconds)
         except JaxrmpError as error:
-            if configuration.method == "flow":
+            if configuration.method == "flow" or configuration.of_pose:
                 raise
             why = f"no flow passes: {error}"
             lap("flow")
@@ -135,7 +136,7 @@ def _skill(
         T_world_object=jnp.asarray(mean_pose(prepared.poses), jnp.float32),
         R_object_hand=jnp.asarray(demonstrated_end(prepared, robot, frames[0])[:3, :3], jnp.float32),
         frames=frames,
-        subtasks=tuple(subtask.name for subtask in configuration.subtasks),
+        subtasks=control_point_names(configuration),
         limited=limited,
         configuration=configuration if demonstrations.object_names else replace(configuration, object=""),
         robot_fingerprint=robot.fingerprint,
@@ -158,8 +159,9 @@ def _led_along_its_own_ways(skill: Skill, robot: Robot, prepared: PreparedDemons
     rollouts = reproduce(replace(skill, flow=free), robot, prepared, duration=duration, own_targets=False).rollouts
     ways = [q.astype(float) for q in rollouts.q]
     if motion.posture is not None:
-        ends = np.mean([way[-1] for way in ways], axis=0, keepdims=True).astype(np.float32)
-        motion = replace(motion, posture=replace(motion.posture, postures=ends))
+        ends = np.stack([way[-1] for way in ways])
+        middle = np.linalg.norm(ends[:, None] - ends, axis=-1).sum(0).argmin()  # one that is, not a mean of branches
+        motion = replace(motion, posture=replace(motion.posture, postures=ends[middle, None].astype(np.float32)))
     return replace(skill, flow=led_along(motion, skill.configuration, robot, ways, prepared.poses))
 
 

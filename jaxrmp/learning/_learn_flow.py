@@ -86,7 +86,7 @@ def check_turns(places: Sequence[np.ndarray], radius: float) -> None:
         if not (degrees := np.degrees(np.arccos(np.clip(cosine, -1, 1))).max()) <= _MOST_TURNED:
             raise TrainingError(
                 f"demonstration {i}: the hand turns by {degrees:.0f} degrees from how it ends, and a flow knows up to "
-                f"{_MOST_TURNED}. Cut the beginning off, learn it as two skills, or set method to 'paper'."
+                f"{_MOST_TURNED}. Cut the beginning off, learn it as two skills, or by points with method 'paper'."
             )
 
 

@@ -10,7 +10,9 @@ from ._demonstration_files import NAME, read_folder
 from ._demonstrations import DemonstrationSet
 from ._hdf5_demonstrations import MAGIC, read_hdf5
 from ._lerobot import INFO, read_lerobot
-from ._pose_files import is_poses
+from ._on_robot import on_robot
+from ._pose_files import is_poses, load_poses
+from ._pose_settings import PoseSettings, example
 from ._recording import RecordingSettings
 from ._ros_bags import bags_at, read_bags
 
@@ -23,6 +25,7 @@ def load_demonstrations(
     robot: Robot | None = None,
     base: str = "world",
     tracked: str = "",
+    poses: PoseSettings | None = None,
 ) -> DemonstrationSet:
     """Read the demonstrations at `path`, a file or a folder, in the order of their numbers.
 
@@ -35,29 +38,39 @@ def load_demonstrations(
       `OBJECT_x, _y, _z, _qw, _qx, _qy, _qz`, the object's pose in the base frame; `meta.json` is optional with them;
     - a LeRobotDataset of version 2 or 3, which does not say its units;
     - bags of ROS 1 and 2, each a demonstration: joint states, and the transforms that lead from `base` to `tracked`;
-    - an HDF5 file of robomimic or robosuite, the body `tracked` from its MuJoCo states.
+    - an HDF5 file of robomimic or robosuite, the body `tracked` from its MuJoCo states;
+    - poses of a hand without joints, as `load_poses` reads them and `on_robot` follows them with the `robot`.
 
     **Arguments**: `recording`, what the files do not say; `robot`, by whose joints their groups are told apart, and
     whose order holds for columns without names; `base`, the frame of objects' poses; `tracked`, the object whose pose
-    to read where a file has many.
+    to read where a file has many; `poses`, how the robot follows poses of a hand.
     **Returns** a `DemonstrationSet`; objects' poses are in the robot's base frame, `T_base_object = inv(T_world_base)
     T_world_object`, or as they are where no base pose is given. A `FileWarning` tells what was mended or left out.
     **Raises** `DemonstrationError`, naming the file, if something is missing, unreadable, not said or does not fit
     together; `RigidTransformError` if a pose is not a rigid transform; `UnknownNameError` for a group or frame that is
     not there; `MissingDependencyError` without the package that reads a format, which `jaxrmp[formats]` brings.
     """
-    path, recording = Path(path), recording or RecordingSettings()
+    path, recording, poses = Path(path), recording or RecordingSettings(), poses or PoseSettings()
     told: list[str] = []
-    found = _read(path, recording, robot, base, tracked, told)
-    if recording.quaternion:
+    found = _read(path, recording, robot, base, tracked, poses, told)
+    of_joints = not is_poses(path)
+    if recording.quaternion and of_joints:
         told.append("recording.quaternion (--quaternion) is of poses of a hand: here it says nothing.")
+    if poses.start and of_joints:
+        told.append("the section [poses] is of poses of a hand: here it says nothing.")
     if told:
         warnings.warn(f"{path}: " + " ".join(dict.fromkeys(told)), FileWarning, stacklevel=2)
     return found
 
 
 def _read(
-    path: Path, recording: RecordingSettings, robot: Robot | None, base: str, tracked: str, told: list[str]
+    path: Path,
+    recording: RecordingSettings,
+    robot: Robot | None,
+    base: str,
+    tracked: str,
+    poses: PoseSettings,
+    told: list[str],
 ) -> DemonstrationSet:
     inside = list(path.iterdir()) if path.is_dir() else []
     numbered = sorted(file.name for file in inside if NAME.fullmatch(file.name))
@@ -75,13 +88,25 @@ def _read(
     elif bags:
         return read_bags(path, recording, robot, base, tracked, told)
     if is_poses(path):
-        raise DemonstrationError(
-            f"{path} holds poses of a hand and no joints: learning.load_poses reads them, but no skill can be learned "
-            "from them yet. Record the joints as well."
-        )
+        return _followed(path, recording, robot, base, poses)
     if path.is_file():
         raise DemonstrationError(f"{path} is a file, and of no kind that is known. Give {_KNOWN}.")
     return read_folder(path, recording, told)
+
+
+def _followed(
+    path: Path, recording: RecordingSettings, robot: Robot | None, base: str, poses: PoseSettings
+) -> DemonstrationSet:
+    """The poses at `path` as `robot` follows them."""
+    if robot is None or not poses.start:
+        raise DemonstrationError(
+            f"{path} holds poses of a hand and no joints. Say with which robot and how they are followed: learn with a "
+            f"configuration that has a section such as\n\n{example(robot)}\n\nor, in Python, give `robot` and "
+            "`poses`; learning.load_poses reads them as they are."
+        )
+    if not poses.frame:
+        raise DemonstrationError(f"{path} holds poses of a hand: say of which frame of {robot.name!r}, poses.frame.")
+    return on_robot(load_poses(path, recording), robot, poses.frame, poses.posture(robot), base, poses.place)
 
 
 def _one_of(path: Path, name: str, others: list[str]) -> None:

@@ -82,6 +82,67 @@ def reproduction_errors(demo_points: np.ndarray, rollout_points: np.ndarray, sam
     }
 
 
+def turn_errors(demonstrated: np.ndarray, rolled: np.ndarray, samples: int = 200) -> dict[str, float]:
+    """How far a rigid hand is from its demonstration in place and turn.
+
+    Both ways are resampled to `samples` hands, even in the path of the corners, and put together by dynamic time
+    warping of the corners, place and turn at once; the means are over the pairs of that alignment.
+
+    **Arguments**: `demonstrated` [T, 3, 3] and `rolled` [S, 3, 3], m, corners of a triangle on the hand, in one frame.
+    **Returns** `position_percent`, the mean distance of the triangles' middles in percent of the path that the
+    demonstrated one goes; `turn_deg`, the mean angle between the hands, and `goal_turn_deg`, that in the end, degrees.
+    **Raises** `ShapeError` if the shapes are others.
+    """
+    shapes = np.shape(demonstrated), np.shape(rolled)
+    if any(len(shape) != 3 or shape[1:] != (3, 3) for shape in shapes):
+        raise ShapeError(f"hands have shapes {shapes[0]} and {shapes[1]}, expected [T, 3, 3] and [S, 3, 3].")
+    ways = [resample_by_arc_length(np.reshape(way, (-1, 9)), samples) for way in (demonstrated, rolled)]
+    a, b = (way[rows].reshape(-1, 3, 3) for way, rows in zip(ways, _warped(*ways), strict=True))
+    path = np.linalg.norm(np.diff(np.mean(demonstrated, axis=1), axis=0), axis=1).sum()
+    angles = np.degrees(_angles(a, b))
+    return {
+        "position_percent": 100 * float(np.linalg.norm(a.mean(1) - b.mean(1), axis=1).mean() / max(path, 1e-9)),
+        "turn_deg": float(angles.mean()),
+        "goal_turn_deg": float(angles[-1]),
+    }
+
+
+def _warped(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The rows of paths `a` [T, m] and `b` [S, m] that belong together by `dtw_distance`, each [P]."""
+    T, S = len(a), len(b)
+    distances = np.linalg.norm(a[:, None] - b, axis=-1).tolist()
+    total = [
+        [np.inf] * (S + 1) for _ in range(T + 1)
+    ]  # the least sum to each pair, a row and a column before the first
+    total[0][0] = 0.0
+    for i, row in enumerate(distances):
+        for j, distance in enumerate(row):
+            total[i + 1][j + 1] = distance + min(total[i][j], total[i][j + 1], total[i + 1][j])
+    pairs, i, j = [], T, S
+    while i:
+        pairs.append((i - 1, j - 1))
+        i, j = min(((i - 1, j - 1), (i - 1, j), (i, j - 1)), key=lambda at: total[at[0]][at[1]])
+    rows, columns = np.array(pairs[::-1]).T
+    return rows, columns
+
+
+def _angles(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """The angles [T], rad, between triangles `a` and `b` [T, 3, 3] of the same shape."""
+    first, second = (np.stack(_axes(triangles), axis=-1) for triangles in (a, b))
+    R = np.einsum("tij,tkj->tik", first, second)
+    twice = np.stack([R[:, 2, 1] - R[:, 1, 2], R[:, 0, 2] - R[:, 2, 0], R[:, 1, 0] - R[:, 0, 1]], axis=1)
+    return np.arctan2(np.linalg.norm(twice, axis=1), np.trace(R, axis1=1, axis2=2) - 1)
+
+
+def _axes(triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Axes [T, 3] of triangles [T, 3, 3]: along a side, in the plane across it, and out of the plane."""
+    side, other = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
+    x = side / np.linalg.norm(side, axis=1, keepdims=True)
+    z = np.cross(x, other)
+    z = z / np.linalg.norm(z, axis=1, keepdims=True)
+    return x, np.cross(z, x), z
+
+
 def _distances_by_diagonal(a: np.ndarray, b: np.ndarray) -> Iterator[tuple[slice, np.ndarray]]:
     """Distances between all points: [..., T + 1] for each anti-diagonal i + j in turn, with point i in column i + 1.
 

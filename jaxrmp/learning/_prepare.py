@@ -13,6 +13,7 @@ from ._closed_paths import check_paths
 from ._configuration import Configuration
 from ._demonstrations import Demonstration, DemonstrationSet
 from ._fit_to_robot import fit_to_robot
+from ._hand_flow import triangle_round
 from ._preprocessing import Preprocessed, preprocess
 from ._skill import mean_pose
 from ._subtask_trajectories import SubtaskTrajectories, subtask_trajectories
@@ -39,7 +40,8 @@ def prepare(configuration: Configuration, robot: Robot, demonstrations: Demonstr
 
     The object's frame is its pose at each demonstration's first sample; if the configuration or the whole set has no
     tracked object, it has the axes of the robot's `base` frame and its origin at the mean final position of the first
-    control point. The demonstrations are made the robot's own first, as `fit_to_robot` does.
+    control point, or of the middle of a pose. The demonstrations are made the robot's own first, as `fit_to_robot`
+    does.
 
     **Arguments**: `configuration`; its `robot`; `demonstrations`. **Raises** `DemonstrationError` if the object moves
     during a demonstration, or a control point ends where it began or crosses its own path, which no stable policy can
@@ -60,7 +62,8 @@ def prepare(configuration: Configuration, robot: Robot, demonstrations: Demonstr
         )
     else:
         poses = np.tile(T_world_base, (len(world_points), 1, 1))
-        poses[:, :3, 3] = np.mean([points[-1, 0] for points in world_points], axis=0)
+        ends = np.stack([points[-1] for points in world_points])
+        poses[:, :3, 3] = ends.mean((0, 1)) if configuration.of_pose else ends[:, 0].mean(0)
     points = tuple(in_frame(p, T) for p, T in zip(world_points, poses, strict=True))
     subtasks = subtask_trajectories(
         points,
@@ -75,7 +78,7 @@ def prepare(configuration: Configuration, robot: Robot, demonstrations: Demonstr
         length = np.concatenate([[0.0], np.linalg.norm(np.diff(path, axis=0), axis=1).cumsum()])
         return int(np.searchsorted(length, fraction * length[-1]))
 
-    names = [subtask.name for subtask in configuration.subtasks]
+    names = list(control_point_names(configuration))
     paths = subtasks.positions
     if configuration.method != "paper":  # all control points in one space: what counts is where they are together
         K, names = len(names), [", ".join(names)]
@@ -103,9 +106,26 @@ def still_pose(demonstration: Demonstration, name: str, tolerance: float, index:
 
 
 def control_point_frames(configuration: Configuration) -> tuple[tuple[str, ...], np.ndarray]:
-    """The frames of the control points in `configuration`, and their offsets [K, 3] in them, m."""
-    frames = tuple(subtask.frame for subtask in configuration.subtasks)
-    return frames, np.array([subtask.offset for subtask in configuration.subtasks])
+    """The frames of the control points in `configuration`, and their offsets [K, 3] in them, m.
+
+    A pose is the corners of the triangle that stands for the hand, `flow.circumradius` round its offset.
+    """
+    radius = configuration.flow.circumradius
+    points = [
+        (subtask.frame, offset)
+        for subtask in configuration.subtasks
+        for offset in (triangle_round(np.array(subtask.offset), radius) if subtask.kind == "pose" else [subtask.offset])
+    ]
+    return tuple(frame for frame, _ in points), np.array([offset for _, offset in points])
+
+
+def control_point_names(configuration: Configuration) -> tuple[str, ...]:
+    """What the K control points in `configuration` are called; the corners of a pose, NAME_0 to NAME_2."""
+    return tuple(
+        name
+        for subtask in configuration.subtasks
+        for name in ([f"{subtask.name}_{k}" for k in range(3)] if subtask.kind == "pose" else [subtask.name])
+    )
 
 
 def in_frame(points: np.ndarray, T: np.ndarray) -> np.ndarray:

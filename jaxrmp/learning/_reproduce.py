@@ -12,7 +12,7 @@ from .._errors import RolloutError
 from .._tree import Node
 from ..kinematics import Robot
 from ..simulation import Rollout, rollout
-from ._measures import reproduction_errors
+from ._measures import reproduction_errors, turn_errors
 from ._prepare import PreparedDemonstrations, control_points, in_frame
 from ._skill import Skill
 
@@ -22,6 +22,7 @@ class Reproduction(NamedTuple):
 
     `rollouts`, a `Rollout` with a leading axis of N; `points` [N, T, K, 3], the control points in the object's frame,
     m; `errors`, for each demonstration a dict of `dtw_cm`, `frechet_cm`, `goal_cm` (see `reproduction_errors`),
+    `position_percent`, `turn_deg`, `goal_turn_deg` (see `turn_errors`; NaN unless how the hand is turned was learned),
     `energy_increase`, the largest rise of V in one step relative to V's range, and `limit_margin_rad`, the smallest
     distance of any joint to its limits (negative if one was crossed).
     """
@@ -71,11 +72,22 @@ def reproduce(
         errors.append(
             {
                 **reproduction_errors(demonstrated, path),
+                **_turn_errors(skill, robot, prepared.joints.q[i], rollouts.q[i]),
                 "energy_increase": energy_increase(rollouts.energy[i]),
                 "limit_margin_rad": float(margin),
             }
         )
     return Reproduction(rollouts, np.stack(points), tuple(errors))
+
+
+def _turn_errors(skill: Skill, robot: Robot, demonstrated: np.ndarray, rolled: np.ndarray) -> dict[str, float]:
+    """What `turn_errors` measures of joints [T, n] and [S, n], NaN where the skill knows nothing of turns."""
+    if not skill.turned:
+        return dict.fromkeys(("position_percent", "turn_deg", "goal_turn_deg"), float("nan"))
+    assert skill.flow is not None  # of skills that turn
+    corners = np.asarray(skill.flow.offsets, float)
+    hands = (control_points(robot, skill.frames[:1] * 3, corners, q) for q in (demonstrated, rolled))
+    return turn_errors(*hands)
 
 
 def energy_increase(energy: np.ndarray) -> float:

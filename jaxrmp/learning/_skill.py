@@ -101,8 +101,8 @@ class Skill:
         self,
         robot: Robot,
         T_world_object: jax.Array | None = None,
-        targets: jax.Array | None = None,
         joints: tuple[int, ...] | None = None,
+        targets: jax.Array | None = None,
     ) -> Node:
         """What acts on the joints: damping, limits, and with a flow what leads them back to where it was learned.
 
@@ -122,7 +122,7 @@ class Skill:
 
     def tree(self, robot: Robot, T_world_object: jax.Array | None = None, targets: jax.Array | None = None) -> Node:
         """The whole policy: learned leaves, and those of `on_joints`; arguments as in `task_map`."""
-        return self.leaf(robot, T_world_object, targets) + self.on_joints(robot, T_world_object, targets)
+        return self.leaf(robot, T_world_object, targets) + self.on_joints(robot, T_world_object, targets=targets)
 
     def with_gains(self, speed: float, damping_rate: float) -> "Skill":
         """The same skill at another cruise `speed`, m/s, and `damping_rate`, 1/s: geometry stays, tempo changes."""

@@ -51,7 +51,7 @@ class SkillOnRobot:
         demonstrated; `targets` [K, 3], see `Skill.task_map`.
         """
         leaf = self.skill.leaf(robot, T_world_object, targets)
-        return leaf + self.skill.on_joints(robot, T_world_object, targets, self.joints)
+        return leaf + self.skill.on_joints(robot, T_world_object, self.joints, targets)
 
 
 def skill_on_robot(skill: "Skill", robot: Robot, arm: Robot) -> SkillOnRobot:

@@ -262,7 +262,9 @@ def test_the_pose_of_a_hand_and_where_its_turn_no_longer_counts():
 def test_hands_that_turn_too_far_for_a_flow_are_refused_by_demonstration():
     corners = hand_points(("hand",) * 3, np.array([[0.0, 0, 0.2], [0.03, 0, 0.203], [-0.03, 0, 0.203]]), 0.15)[0]
     turns = [Rotation.from_rotvec([0, 0, angle]).as_matrix() for angle in np.linspace(2.6, 0, 20)]
-    with pytest.raises(TrainingError, match=r"demonstration 1: the hand turns by 149 degrees .* set method to 'paper'"):
+    with pytest.raises(
+        TrainingError, match=r"demonstration 1: the hand turns by 149 degrees .* by points with method 'paper'"
+    ):
         check_turns([np.stack([corners] * 3), np.stack([corners @ R.T for R in turns])], 0.15)
 
 
