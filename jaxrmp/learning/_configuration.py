@@ -18,6 +18,7 @@ from ._recording import RecordingSettings
 ACTIVATIONS = ("relu", "softplus", "silu", "tanh")
 LOSSES = ("smooth_l1", "l2")
 Method = Literal["auto", "flow", "paper"]
+Tempo = Literal["constant", "demonstrated"]
 _SOME_RANGE = {"lower": np.zeros(1), "upper": np.ones(1), "rest": np.zeros(1)}  # a robot's, not a configuration's
 
 
@@ -111,14 +112,17 @@ class FlowSettings:
 @settings("policy")
 class PolicySettings:
     """Gains of the learned policy: cruise `speed`, m/s; `damping_rate`, 1/s; and by name, where they are not to
-    be as the leaf has them, `joint_damping` of `Damping` on all joints and `joint_limit` of `JointLimit`."""
+    be as the leaf has them, `joint_damping` of `Damping` on all joints and `joint_limit` of `JointLimit`. `tempo`:
+    "constant", at the cruise speed, or as "demonstrated", when the speed is found and not set; only by a flow."""
 
+    tempo: Tempo = "constant"
     speed: Positive[float] = 0.2
     damping_rate: Positive[float] = 40.0
     joint_damping: Mapping[str, float] = field(default_factory=dict, hash=False)
     joint_limit: Mapping[str, float] = field(default_factory=dict, hash=False)
 
     def __post_init__(self):
+        UnknownNameError.check("tempo", self.tempo, get_args(Tempo))
         set_field(self, "joint_damping", {"weight": 2e-3, "damping_rate": 10.0} | dict(self.joint_damping))
         for gains, leaf, given in ((self.joint_damping, Damping, {}), (self.joint_limit, JointLimit, _SOME_RANGE)):
             known = [f.name for f in fields(leaf) if f.name not in given and not f.metadata.get("static")]
@@ -166,6 +170,11 @@ class Configuration:
                 f"name is {self.name!r}, expected letters, digits, '_', '-' or '.': files bear it."
             )
         UnknownNameError.check("method", self.method, get_args(Method))
+        if self.method == "paper" and self.policy.tempo != "constant":
+            raise ConfigurationError(
+                f"policy.tempo is {self.policy.tempo!r} and method 'paper', which knows one speed only. Set method to "
+                "'flow', or policy.tempo to 'constant'."
+            )
         if self.seed < 0:
             raise ConfigurationError(f"seed is {self.seed!r}, expected 0 or more.")
         if self.robot == "panda" and self.fixed_joints:

@@ -20,7 +20,7 @@ from ._hand_flow import HandFlow
 from ._learn_flow import FlowLearning, learn_flow, led_along
 from ._learn_paper import PaperLearning, learn_paper
 from ._prepare import PreparedDemonstrations, control_point_frames, demonstrated_end, prepare
-from ._reproduce import Reproduction, reproduce
+from ._reproduce import Reproduction, reproduce, rollout_duration
 from ._skill import Skill, joint_leaves, mean_pose, rigid_targets
 
 Progress = Callable[[str, float], None]
@@ -92,8 +92,10 @@ def learn(
             lap("flow")
             check_stretch(flow.fit)
             skill = _skill(configuration, robot, demonstrations, prepared, None, flow.motion)
-            longest = max(np.linalg.norm(np.diff(path, axis=0), axis=1).sum() for path in flow.paths)
-            duration = max(20.0, 3 * longest / configuration.policy.speed)
+            duration = rollout_duration(configuration.policy, prepared)
+            if configuration.policy.tempo == "constant":
+                longest = max(np.linalg.norm(np.diff(path, axis=0), axis=1).sum() for path in flow.paths)
+                duration = max(20.0, 3 * longest / configuration.policy.speed)
             progress("reproducing", 0.0)
             skill = _led_along_its_own_ways(skill, robot, prepared, duration)
             progress("reproducing", 0.5)
@@ -105,6 +107,11 @@ def learn(
         except JaxrmpError as error:
             if configuration.method == "flow":
                 raise
+            if configuration.policy.tempo != "constant":
+                raise TrainingError(
+                    f"no flow passes: {error} The paper's method, which knows one speed only, cannot take over with "
+                    f"policy.tempo {configuration.policy.tempo!r}. Set that to 'constant', or mend what is said."
+                ) from error
             why = f"no flow passes: {error}"
             lap("flow")
         # What a flow may do and this method may not, it refuses here: control points that cross their own way.
