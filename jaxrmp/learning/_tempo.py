@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-_SETTLE = (0.15, 0.2, 0.3, 0.4, 0.6, 0.8, 1.0)  # s, of which the one is taken that stretches space least
+_SETTLE = 4.0  # over the damping rate: the shortest time that does not overshoot
 _END = 1e-3  # m, of the way left when a demonstration ends
 _STEP = 2e-3  # s, of the latent motion
 
@@ -26,18 +26,14 @@ def demonstrated_tempo(paths: Sequence[np.ndarray], times: Sequence[np.ndarray],
     """The tempo with which the radius that is left is most like the length that is left, along `paths` [S, m], m, at
     `times` [S], s: so a flow stretches space least, in the mean square of the logarithm, over what moves."""
     speed = sum(_length(path)[-1] for path in paths) / sum(time[-1] for time in times)
-    tried = []
-    for settle in _SETTLE:
-        logs = []
-        for path, time in zip(paths, times, strict=True):
-            way = _length(path)
-            at = np.linspace(0, way[-1], 101)
-            radius = np.interp(at, way, radii(time, Tempo(speed, settle), damping_rate))
-            logs.append(np.log(np.maximum(-np.diff(radius) / np.diff(at), 1e-9)))
-        stretch = np.concatenate(logs)
-        tried.append((float(stretch.var()), settle, speed * float(np.exp(-stretch.mean()))))
-    _, settle, speed = min(tried)
-    return Tempo(speed, settle)
+    tempo = Tempo(float(speed), _SETTLE / damping_rate)
+    logs = []
+    for path, time in zip(paths, times, strict=True):
+        length = _length(path)
+        at = np.linspace(0, length[-1], 101)
+        radius = np.interp(at, length, radii(time, tempo, damping_rate))
+        logs.append(np.log(np.maximum(-np.diff(radius) / np.diff(at), 1e-9)))
+    return tempo._replace(speed=tempo.speed * float(np.exp(-np.mean(logs))))
 
 
 def radii(times: np.ndarray, tempo: Tempo, damping_rate: float) -> np.ndarray:
