@@ -36,11 +36,15 @@ def pictures_in(paths: Iterable[Path]) -> dict[str, tuple[bytes, str]]:
     return found
 
 
+_TIMED = {"at the same time, cm": lambda e: f"{e['time_aligned_cm']:.2f}"}
+
+
 def learning_page(
     report: Mapping[str, Any], made_by: Mapping[str, Any], figures: Mapping[str, tuple[bytes, str]], path: Path
 ) -> Path:
     """Write what `learning_report.json` and `made_by.json` say, with the pictures, for a person."""
     reproduction, seconds = report["reproduction"], report["seconds"]
+    timed = reproduction["mean"].get("time_aligned_cm") is not None
     parts = [
         paragraph(
             f"Learned from {report['source']} in {sum(seconds.values()):.1f} s by the method {report['method']!r}: "
@@ -55,6 +59,7 @@ def learning_page(
                 "DTW, cm": lambda e: f"{e['dtw_cm']:.2f}",
                 "Fréchet, cm": lambda e: f"{e['frechet_cm']:.2f}",
                 "goal, cm": lambda e: f"{e['goal_cm']:.2f}",
+                **(_TIMED if timed else {}),
                 "energy increase": lambda e: f"{e['energy_increase']:.1e}",
                 "limit margin, rad": lambda e: f"{e['limit_margin_rad']:.3f}",
                 "rests away from": lambda e: ", ".join(e["rests_away_from"]),
@@ -75,6 +80,7 @@ def learning_page(
                 "gaps": lambda d: d[1]["gaps"],
                 "largest gap, s": lambda d: f"{d[1]['largest_gap']:.3f}",
                 "pauses dropped, s": lambda d: f"{d[1]['pause_seconds_dropped']:.2f}",
+                "from, s": lambda d: ", ".join(f"{at:.1f}" for at, _ in d[1]["pauses"]),
             },
         ),
         _page.settings(made_by, ("configuration", "versions")),
@@ -86,6 +92,7 @@ def _validation(validation: Mapping[str, Any] | None) -> list[str]:
     title = heading("How well it does what it was not shown")
     if validation is None:
         return [title, paragraph(f"{NOT_VALIDATED}.".replace("--validate", "`jaxrmp learn --validate`").capitalize())]
+    timed = (validation["training"] or {}).get("time_aligned_cm") is not None
     mean = {"left_out": "mean", "method": "", "failed": None, **validation}
 
     def error(kind: str, name: str) -> Callable[[Mapping[str, Any]], str]:
@@ -105,8 +112,10 @@ def _validation(validation: Mapping[str, Any] | None) -> list[str]:
                 "held out: DTW, cm": error("held_out", "dtw_cm"),
                 "Fréchet, cm": error("held_out", "frechet_cm"),
                 "goal, cm": error("held_out", "goal_cm"),
+                **({"at the same time, cm": error("held_out", "time_aligned_cm")} if timed else {}),
                 "training: DTW, cm": error("training", "dtw_cm"),
                 "training: Fréchet, cm": error("training", "frechet_cm"),
+                **({"training: at the same time, cm": error("training", "time_aligned_cm")} if timed else {}),
             },
         ),
         *(paragraph(fold_failed(fold)) for fold in validation["folds"] if fold["failed"]),

@@ -57,10 +57,11 @@ def learn(
     """Learn a skill of several subtasks from a demonstration set.
 
     By a flow, `learn_flow`, one policy for the whole hand; or by the paper's steps, `learn_paper`, a policy for each
-    control point. With the configuration's `method = "auto"` by a flow, and where that does not pass, by the paper's. A
+    control point. With the configuration's `method = "auto"` by a flow, and where that does not pass, by the paper's, which cannot go as
+    fast as demonstrated: with that `policy.tempo` the error is raised. A
     flow passes if it stretches space nowhere on the demonstrations beyond what rollouts can follow, and if all of them,
     reproduced by the whole policy, end at the goal, with an energy that does not rise. Before, a `FileWarning` says
-    which demonstrations disagree, as `families` finds.
+    which demonstrations disagree, as `families` finds, and with that tempo which pause, when and for how long.
 
     **Arguments**: `configuration`; `robot`, with the demonstrations' joints in the same order; `demonstrations`;
     `progress`, called with the name of a step and the fraction of it that is done.
@@ -84,13 +85,22 @@ def learn(
     agreement = families(prepared.points)
     if not agreement.agree:
         warnings.warn(f"{demonstrations.source}: {agreement}", FileWarning, stacklevel=2)
+    if configuration.policy.tempo == "demonstrated":
+        for k, report in enumerate(prepared.joints.reports):
+            if report.paused:
+                warnings.warn(
+                    f"{demonstrations.source}: demonstration {k} pauses: {report.paused}. A policy that goes by where "
+                    "it is cannot wait there: it goes on.",
+                    FileWarning,
+                    stacklevel=2,
+                )
     lap("preprocessing")
     why = "asked for"
     if configuration.method != "paper":
         try:
             flow = learn_flow(configuration, robot, prepared, progress)
             lap("flow")
-            check_stretch(flow.fit)
+            check_stretch(flow.fit, configuration.policy.tempo == "demonstrated")
             skill = _skill(configuration, robot, demonstrations, prepared, None, flow.motion)
             duration = rollout_duration(configuration.policy, prepared)
             if configuration.policy.tempo == "constant":

@@ -53,8 +53,7 @@ def learn_flow(
     as_fast = configuration.policy.tempo == "demonstrated"
     times, ways = prepared.joints.in_time(_IN_TIME) if as_fast else (None, prepared.joints.q)
     places = [
-        in_frame(control_points(robot, frames, offsets, q), pose)
-        for q, pose in zip(ways, prepared.poses, strict=True)
+        in_frame(control_points(robot, frames, offsets, q), pose) for q, pose in zip(ways, prepared.poses, strict=True)
     ]
     paths = tuple(_hand(place, place[-1], turned) for place in places)
     if turned:

@@ -77,6 +77,11 @@ class PreprocessingReport(NamedTuple):
     path_length: float
     pauses: tuple[tuple[float, float], ...] = ()
 
+    @property
+    def paused(self) -> str:
+        """When it paused and for how long, in words, empty if it did not."""
+        return ", ".join(f"{seconds:.1f} s from {at:.1f} s on" for at, seconds in self.pauses)
+
 
 class Preprocessed(NamedTuple):
     """Trajectories `q`, N arrays [samples, n] in rad or m, and one of `reports` for each; `timed`, N arrays [S, n], the

@@ -17,7 +17,6 @@ from ._measures import mean_errors, reproduction_errors, time_aligned_error
 from ._prepare import PreparedDemonstrations, control_points, in_frame
 from ._skill import Skill
 
-
 _IN_TIME = 501  # points of a demonstration that are compared at their times
 
 
@@ -27,8 +26,8 @@ class Reproduction(NamedTuple):
     `rollouts`, a `Rollout` with a leading axis of N; `points` [N, T, K, 3], the control points in the object's frame,
     m; `errors`, for each demonstration a dict of `dtw_cm`, `frechet_cm`, `goal_cm` (see `reproduction_errors`),
     `energy_increase`, the largest rise of V in one step relative to V's range, and `limit_margin_rad`, the smallest
-    distance of any joint to its limits (negative if one was crossed), and `time_aligned_cm`, see `time_aligned_error`, of
-    a skill of demonstrated tempo, pauses left out, else None.
+    distance of any joint to its limits (negative if one was crossed), and `time_aligned_cm`, see
+    `time_aligned_error`, of a skill of demonstrated tempo, pauses left out, else None.
     """
 
     rollouts: Rollout
