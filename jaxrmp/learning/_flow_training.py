@@ -48,8 +48,8 @@ class Timing(NamedTuple):
 
 
 class _Paths(NamedTuple):
-    """Paths `x` [N, S, m], `left` [N, S] of their length, or the radius that they have at their times, and the attractor's
-    `taper` then, else 0; points `near` [M, m] them and `far` [F, m], whose `weights` [F] say how far."""
+    """Paths `x` [N, S, m], `left` [N, S] of their length, or the radius at their times, with the attractor's `taper`,
+    which else is 0; points `near` [M, m] them and `far` [F, m], whose `weights` [F] say how far."""
 
     x: jax.Array
     left: jax.Array
@@ -87,8 +87,10 @@ def train_flow(
     With an attractor behind a flow, motion from rest at x_0 is `phi^-1(r phi(x_0) / |phi(x_0)|)` for r from
     `|phi(x_0)|` down to 0: known without a rollout. These rays are compared with the paths, from their beginning and
     from further on, with r the length that is left; beside that, the flow is kept from stretching space near the
-    paths, from turning it far from them, and follows mixtures of two paths for starts in between. With `timing` r is the
-    radius that the attractor has at each point's time: so it is there then, as fast as demonstrated.
+    paths, from turning it far from them, and follows mixtures of two paths for starts in between.
+
+    With `timing` r is the radius that the attractor has at each point's time, so that it is there then. Errors along
+    the motion then count more, not less, but on mixtures, of which nobody showed how fast they are, not at all.
 
     **Arguments**: `paths`, N arrays [T, m] that end at the origin, m in units of length; `far` [F, m], places where
     nothing is known and the flow is to be near the identity; `settings`; `seed`, of all that is random; `progress`,

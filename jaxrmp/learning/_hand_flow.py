@@ -162,8 +162,8 @@ def hand_flow(
 ) -> HandFlow:
     """A `HandFlow` of a trained `flow`; its leaves on the joints are nowhere yet, which `along_ways` mends.
 
-    **Arguments**: `points`, by `hand_points`; their `targets` [P, 3]; `end` [n], where joints end, rad or m; `attractor`, what
-    else it has other than by default.
+    **Arguments**: `points`, by `hand_points`; their `targets` [P, 3]; `end` [n], where joints end, rad or m;
+    `attractor`, what else it has other than by default.
     """
     offsets, turned = points
     gains = {"speed": policy.speed, "damping_rate": policy.damping_rate, "weight": settings.weight}
