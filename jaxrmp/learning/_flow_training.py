@@ -233,7 +233,7 @@ def _loss(flow: Flow, data: _Paths, drawn: _Draws, settings: FlowSettings, timed
     late = jnp.sum(error * along, -1, keepdims=True) * along
     if timed:  # nobody showed when to be where on mixtures
         timely = jnp.arange(len(x)) < 2 * N
-        error = error + jnp.where(timely[:, None, None], 0.5, -1.0) * late
+        error = error + jnp.where(timely[:, None, None], 1.0, -1.0) * late
         huber = _HUBER_TIMED
     else:
         error = error - 0.5 * late  # when it is there matters half

@@ -112,7 +112,7 @@ def test_reproduce_prints_and_writes_the_same_errors(learned, demos, tmp_path, c
     command = ["reproduce", skill, "--demos", demos, "--json", str(errors), "--save", str(rollouts)]
     assert main([*command, "--figures", str(tmp_path / "figures")]) == 0
     result = json.loads(errors.read_text())
-    keys = {"demo", "dtw_cm", "frechet_cm", "goal_cm", "energy_increase", "limit_margin_rad"}
+    keys = {"demo", "dtw_cm", "frechet_cm", "goal_cm", "energy_increase", "limit_margin_rad", "time_aligned_cm"}
     assert [set(e) for e in result["per_demo"]] == [keys | {"rests_away_from"}] * 6
     assert [e["rests_away_from"] for e in result["per_demo"]] == [[]] * 6
     assert set(result["mean"]) == keys - {"demo"}
