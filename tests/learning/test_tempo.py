@@ -94,7 +94,7 @@ def test_a_skill_is_where_it_was_demonstrated_to_be_at_each_time(learning, hesit
     assert pausing.pauses_dropped == 1 and pausing.pauses[0][1] == pytest.approx(PAUSE, abs=0.5)
     assert all(not report.pauses for _, report in others) and times[-1] < 6
     mean = learning.reproduction.mean
-    assert mean["time_aligned_cm"] < 2 * mean["dtw_cm"] < 2.0 and mean["goal_cm"] < 0.2
+    assert mean["time_aligned_cm"] < 3 * mean["dtw_cm"] < 3.0 and mean["goal_cm"] < 0.2
     assert mean["energy_increase"] <= 1e-3
     at_once = replace(learning.skill.configuration, policy=replace(learning.skill.configuration.policy, speed=0.15))
     even = learning.skill.with_gains(0.6 * float(learning.skill.flow.attractor.speed), 40.0)
