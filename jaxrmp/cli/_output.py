@@ -152,7 +152,7 @@ def error_table(result: dict[str, Any]) -> str:
     if result["learned_from"] != result["measured_on"]:
         lines.append(f"note: learned from {result['learned_from']}, measured on other demonstrations")
     lines.append(f"measured on {result['measured_on']}")
-    timed = result["mean"]["time_aligned_cm"] is not None
+    timed = result["mean"].get("time_aligned_cm") is not None
     late = "  time_aligned_cm" if timed else ""
     lines.append(f"demo    dtw_cm  frechet_cm  goal_cm  energy_increase  limit_margin_rad{late}")
     for name, e in [(str(e["demo"]), e) for e in result["per_demo"]] + [("mean", result["mean"])]:

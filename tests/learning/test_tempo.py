@@ -37,7 +37,7 @@ PAUSE = 1.5  # s
 
 @pytest.fixture(scope="module")
 def hesitant():
-    """Demonstrations that begin slowly, are nine times as fast in the middle, and slow again; the first pauses there."""
+    """Demonstrations that begin and end slowly and are nine times as fast in the middle; the first pauses there."""
 
     def retimed(k, demonstration):
         samples = len(demonstration.time)
