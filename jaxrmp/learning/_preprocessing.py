@@ -93,7 +93,7 @@ class Preprocessed(NamedTuple):
     times: tuple[np.ndarray, ...]
 
     def in_time(self, samples: int) -> tuple[np.ndarray, np.ndarray]:
-        """`samples` times even from start to end of each trajectory, s, and its joints then: [N, samples] and with n."""
+        """`samples` times even from start to end of each trajectory, s, and joints then: [N, samples] and with n."""
         at = np.stack([np.linspace(0, time[-1], samples) for time in self.times])
         return at, np.stack([cubic_spline(*way) for way in zip(self.times, self.timed, at, strict=True)])
 
