@@ -1,10 +1,8 @@
 """From where a skill arrives: starts all over the joint range, near the demonstrated ones, and with the object moved.
 
-Kinematic, the whole arm's policy, steps of 5 ms. Tasks are the recordings in $JAXRMP_DATA/franka, learned with the
-committed configuration of that name, or with the drawer's, which has the same control points.
+Kinematic, the whole arm's policy, steps of 5 ms. Tasks are the recordings in $JAXRMP_DATA, see `recorded`.
 """
 
-import os
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,13 +14,15 @@ import numpy as np
 from jaxrmp import pushforward
 from jaxrmp.evaluation import Evaluation, evaluate, limit_leaf, sample_starts, skill_problem, starts_around
 from jaxrmp.kinematics import Robot
-from jaxrmp.learning import Skill, learn, load_configuration, load_demonstrations
+from jaxrmp.learning import Skill, learn
 from jaxrmp.learning._reproduce import rollouts_of
 from jaxrmp.policies import whole_arm_policy
 from jaxrmp.simulation import End, KinematicEngine, StopCriteria
+from jaxrmp.visualization._style import BLUE, ORANGE, VERMILLION, Figure, label_axes, legend_below, new_figure
 from jaxrmp.world import World
 
-from ._skills import CONFIGS
+from ._report import FOLDER
+from ._skills import recorded
 
 TASKS = ("drawer_closing", "door_reaching", "cup_round")
 SEEDS = range(5)
@@ -39,11 +39,9 @@ def rows() -> list[dict[str, Any]]:
 
 
 def _row(task: str, seed: int) -> dict[str, Any]:
-    file = CONFIGS / f"{task}.toml"
-    configuration = load_configuration(file if file.exists() else CONFIGS / "drawer_closing.toml")
-    demonstrations = load_demonstrations(Path(os.environ["JAXRMP_DATA"]) / "franka" / task)
+    configuration, demonstrations = recorded(task)
     robot = configuration.load_robot()
-    learning = learn(replace(configuration, name=task, seed=seed), robot, demonstrations)
+    learning = learn(replace(configuration, seed=seed), robot, demonstrations)
     skill, begin = learning.skill, np.stack([q[0] for q in learning.prepared.joints.q])
     problem = skill_problem(skill, robot)
     engine = KinematicEngine(problem, StopCriteria(duration=60.0), dt=_DT, chunk=100)
@@ -53,6 +51,8 @@ def _row(task: str, seed: int) -> dict[str, Any]:
         return evaluate(engine, problem, limit_leaf(skill, robot), starts)
 
     everywhere = ends(sample_starts(problem, count))
+    if seed == SEEDS[0]:
+        np.savez(_ends_of(task), hand=everywhere.start_hand, kind=everywhere.ends.kind)
     near = ends(starts_around(problem, begin, _NEAR, spread=_SPREAD))
     arrived, within_reach = _moved(skill, robot, sample_starts(problem, _MOVED))
     kind, rise = everywhere.ends.kind, everywhere.energy_increase
@@ -69,6 +69,30 @@ def _row(task: str, seed: int) -> dict[str, Any]:
         "moved_within_reach_percent": _percent(within_reach),
         "moved_within_reach_arrive_percent": _percent(arrived[within_reach]),
     }
+
+
+def figure(rows: list[dict[str, Any]]) -> Figure:
+    """Where the hand began, from the side, and how that ended: the first seed's starts of each task."""
+    drawn = new_figure(12, 4.2)
+    for axes, task in zip(drawn.subplots(1, len(TASKS)), TASKS, strict=True):
+        with np.load(_ends_of(task)) as ends:
+            hand, kind = ends["hand"], ends["kind"]
+        for end, name, colour in (
+            (kind == End.CONVERGED, "arrives", BLUE),
+            (kind == End.STOPPED_AT_LIMIT, "at a joint limit", ORANGE),
+            (~np.isin(kind, (End.CONVERGED, End.STOPPED_AT_LIMIT)), "neither", VERMILLION),
+        ):
+            axes.scatter(*hand[end][:, ::2].T, 3 if name == "arrives" else 20, colour, label=name)
+        axes.set_title(f"{task.replace('_', ' ')}: {(kind == End.CONVERGED).sum():,} of {len(kind):,}")
+        axes.set_aspect("equal")
+        label_axes(axes, "x, m", "z, m")
+    legend_below(drawn, axes)
+    return drawn
+
+
+def _ends_of(task: str) -> Path:
+    FOLDER.mkdir(parents=True, exist_ok=True)
+    return FOLDER / f"starts_{task}.npz"
 
 
 def _percent(of: np.ndarray) -> float:

@@ -84,7 +84,7 @@ def test_a_funnel_that_leads_goes_along_its_way_as_well():
 
 
 def test_one_that_leads_before_it_walls_in_leads_on_what_its_wall_holds():
-    """Where it pulls back with a given force, it pulls on the more the earlier it begins to: else a task rests there."""
+    """Where it pulls back with a given force, it pulls on the more the earlier it begins to: else tasks rest there."""
     way, left = np.linspace([0.0, 0.0], [2.0, 0.0], 40), np.linspace(1.4, 0.0, 40)
     aside = jnp.stack([jnp.full(400, 0.7), jnp.linspace(0.3, 2.5, 400)], axis=1)
 
