@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ._linalg import matmul
+from ._linalg import lu_solve, matmul
 
 
 def rotation_of_quaternion(wxyz: Any) -> Any:
@@ -51,12 +51,35 @@ def rotation_of_vector(turn: Any) -> Any:
 
 
 def nearest_rotation(A: Any) -> Any:
-    """The rotation matrix nearest to A [3, 3] in least squares."""
+    """The rotation matrix nearest to A [3, 3] in least squares; smooth, unless two of A's singular values are 0."""
     xp, A = _module_and_array(A)
-    product = np.matmul if xp is np else matmul
+    return _nearest(np, np.matmul, A) if xp is np else _nearest_in_jax(A)
+
+
+def _nearest(xp: Any, product: Any, A: Any) -> Any:
     U, _, Vt = xp.linalg.svd(A)
     one = xp.ones((), A.dtype)
     return product(U * xp.stack([one, one, xp.sign(xp.linalg.det(product(U, Vt)))]), Vt)
+
+
+@jax.custom_jvp
+def _nearest_in_jax(A: jax.Array) -> jax.Array:
+    return _nearest(jnp, matmul, A)
+
+
+@_nearest_in_jax.defjvp
+def _nearest_slope(primals, tangents):
+    """With `R S = A`, S symmetric, R turns by w with `(tr(S) I - S) w = vee(R^T dA - dA^T R)`: singular values that are
+    equal, as an equilateral triangle's, are no matter, as they are to the derivative of their decomposition."""
+    (A,), (dA,) = primals, tangents
+    R = _nearest_in_jax(A)
+    S, B = matmul(R.T, A), matmul(R.T, dA)
+    S = (S + S.T) / 2
+    v = jnp.stack([B[2, 1] - B[1, 2], B[0, 2] - B[2, 0], B[1, 0] - B[0, 1]])
+    x, y, z = lu_solve(jnp.trace(S) * jnp.eye(3, dtype=A.dtype) - S, v)
+    zero = jnp.zeros_like(x)
+    turn = jnp.stack([jnp.stack([zero, -z, y]), jnp.stack([z, zero, -x]), jnp.stack([-y, x, zero])])
+    return R, matmul(R, turn)
 
 
 def pose(position: Any, R: Any) -> np.ndarray:

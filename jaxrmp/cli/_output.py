@@ -6,7 +6,7 @@ import math
 import platform
 import sys
 import threading
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -106,7 +106,12 @@ def made_by(command: str, configuration: Configuration, source: str) -> dict[str
     }
 
 
-_TURNS = "  position_percent  turn_deg  goal_turn_deg"
+SOME_MEASURE = {  # errors that not every skill has, by their key, with their heading on a page
+    "position_percent": "place, % of the path",
+    "turn_deg": "turn, degrees",
+    "goal_turn_deg": "turn at the goal, degrees",
+    "time_aligned_cm": "at the same time, cm",
+}
 NOT_VALIDATED = "not validated: --validate learns with each demonstration left out in turn, and reproduces that one"
 
 
@@ -115,40 +120,40 @@ def validation_table(validation: dict[str, Any] | None) -> str:
     none."""
     if validation is None:
         return NOT_VALIDATED
-    turned = any(tells_turns(fold["held_out"]) for fold in validation["folds"])
-    timed = (validation["training"] or {}).get("time_aligned_cm") is not None
-    late, late_too = ("  time_aligned_cm", "  training_time_aligned_cm") if timed else ("", "")
+    some = measured([fold["held_out"] for fold in validation["folds"]])
+    late = [name for name in some if name == "time_aligned_cm"]
     lines = [
         "each left out in turn, learned without it, and reproduced (held out), beside those learned from (training)",
-        f"left_out  dtw_cm  frechet_cm  goal_cm{_TURNS * turned}{late}  training_dtw_cm  training_frechet_cm{late_too}"
-        "  method",
+        f"left_out  dtw_cm  frechet_cm  goal_cm{_names(some)}  training_dtw_cm  training_frechet_cm"
+        f"{_names(late, 'training_')}  method",
     ]
     rows = [(str(f["left_out"]), f["held_out"], f["training"], f["method"]) for f in validation["folds"]]
     for name, held_out, training, method in [*rows, ("mean", validation["held_out"], validation["training"], "")]:
         if held_out is not None:
             lines.append(
                 f"{name:<10}{held_out['dtw_cm']:>6.2f}{held_out['frechet_cm']:>12.2f}{held_out['goal_cm']:>9.3f}"
-                + (_turns(held_out) if turned else "")
-                + (f"{held_out['time_aligned_cm']:>17.2f}" if timed else "")
-                + f"{training['dtw_cm']:>17.2f}{training['frechet_cm']:>21.2f}"
-                + (f"{training['time_aligned_cm']:>26.2f}" if timed else "")
-                + f"  {method}".rstrip()
+                f"{_cells(held_out, some)}{training['dtw_cm']:>17.2f}{training['frechet_cm']:>21.2f}"
+                f"{_cells(training, late, 'training_')}  {method}".rstrip()
             )
     lines += [fold_failed(f) for f in validation["folds"] if f["failed"]]
     lines.append(folds_passed(validation))
     return "\n".join(lines)
 
 
-def tells_turns(errors: Mapping[str, Any] | None) -> bool:
-    """Whether `errors` of a reproduction say how far the hand is turned off."""
-    return errors is not None and errors.get("turn_deg") is not None
+def measured(rows: Iterable[Mapping[str, Any] | None]) -> list[str]:
+    """Those of `SOME_MEASURE` that a row of errors has, in order."""
+    rows = list(rows)
+    return [name for name in SOME_MEASURE if any(row is not None and row.get(name) is not None for row in rows)]
 
 
-def _turns(errors: Mapping[str, Any]) -> str:
-    """The cells of a row under `_TURNS`."""
-    if not tells_turns(errors):
-        return f"{'-':>18}{'-':>10}{'-':>15}"
-    return f"{errors['position_percent']:>18.2f}{errors['turn_deg']:>10.2f}{errors['goal_turn_deg']:>15.2f}"
+def _names(some: Iterable[str], of: str = "") -> str:
+    return "".join(f"  {of}{name}" for name in some)
+
+
+def _cells(errors: Mapping[str, Any], some: Iterable[str], of: str = "") -> str:
+    """What `errors` say, under `_names`, a dash where they do not."""
+    values = {name: "-" if errors.get(name) is None else f"{errors[name]:.2f}" for name in some}
+    return "".join(f"{value:>{2 + len(of) + len(name)}}" for name, value in values.items())
 
 
 def fold_failed(fold: Mapping[str, Any]) -> str:
@@ -168,15 +173,12 @@ def error_table(result: dict[str, Any]) -> str:
     if result["learned_from"] != result["measured_on"]:
         lines.append(f"note: learned from {result['learned_from']}, measured on other demonstrations")
     lines.append(f"measured on {result['measured_on']}")
-    turned = tells_turns(result["mean"])
-    timed = result["mean"].get("time_aligned_cm") is not None
-    late = "  time_aligned_cm" if timed else ""
-    lines.append(f"demo    dtw_cm  frechet_cm  goal_cm{_TURNS * turned}  energy_increase  limit_margin_rad{late}")
+    some = measured(result["per_demo"])
+    lines.append(f"demo    dtw_cm  frechet_cm  goal_cm{_names(some)}  energy_increase  limit_margin_rad")
     for name, e in [(str(e["demo"]), e) for e in result["per_demo"]] + [("mean", result["mean"])]:
         lines.append(
-            f"{name:<6}{e['dtw_cm']:>8.2f}{e['frechet_cm']:>12.2f}{e['goal_cm']:>9.3f}"
-            f"{_turns(e) if turned else ''}{e['energy_increase']:>17.1e}{e['limit_margin_rad']:>18.3f}"
-            + (f"{e['time_aligned_cm']:>17.2f}" if timed else "")
+            f"{name:<6}{e['dtw_cm']:>8.2f}{e['frechet_cm']:>12.2f}{e['goal_cm']:>9.3f}{_cells(e, some)}"
+            f"{e['energy_increase']:>17.1e}{e['limit_margin_rad']:>18.3f}"
         )
     for e in result["per_demo"]:
         if names := e["rests_away_from"]:

@@ -82,7 +82,7 @@ _COMMANDS: dict[str, tuple[str, str, str, list[tuple[str, dict[str, Any]]]]] = {
                 "own",
                 choices=("own", "skill"),
             ),
-            _argument("--duration S", "seconds of rollout", 20.0),
+            _argument("--duration S", "of rollouts, by default three times the longest way's, at least 20", type=float),
             _argument("--dt S", "seconds a step", 0.005),
         ],
     ),

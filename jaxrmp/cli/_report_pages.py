@@ -7,7 +7,7 @@ from typing import Any
 
 from ..reports import _page
 from ..reports._page import heading, numbers, paragraph, percent, records
-from ._output import NOT_VALIDATED, fold_failed, folds_passed, tells_turns
+from ._output import NOT_VALIDATED, SOME_MEASURE, fold_failed, folds_passed, measured
 
 FIGURES = {
     "vector_field": (
@@ -24,12 +24,6 @@ FIGURES = {
     "physics": ("Physics over time", "The furniture's joint, the fastest joint and the largest torque of every trial."),
     "snapshots": ("Snapshots", "One trial at six instants."),
 }
-_TURN_NAMES = {
-    "place, % of the path": "position_percent",
-    "turn, degrees": "turn_deg",
-    "turn at the goal, degrees": "goal_turn_deg",
-}
-_TURNS = {title: lambda e, name=name: f"{e[name]:.2f}" for title, name in _TURN_NAMES.items()}
 
 
 def pictures_in(paths: Iterable[Path]) -> dict[str, tuple[bytes, str]]:
@@ -42,15 +36,11 @@ def pictures_in(paths: Iterable[Path]) -> dict[str, tuple[bytes, str]]:
     return found
 
 
-_TIMED = {"at the same time, cm": lambda e: f"{e['time_aligned_cm']:.2f}"}
-
-
 def learning_page(
     report: Mapping[str, Any], made_by: Mapping[str, Any], figures: Mapping[str, tuple[bytes, str]], path: Path
 ) -> Path:
     """Write what `learning_report.json` and `made_by.json` say, with the pictures, for a person."""
     reproduction, seconds = report["reproduction"], report["seconds"]
-    timed = reproduction["mean"].get("time_aligned_cm") is not None
     parts = [
         paragraph(
             f"Learned from {report['source']} in {sum(seconds.values()):.1f} s by the method {report['method']!r}: "
@@ -65,8 +55,10 @@ def learning_page(
                 "DTW, cm": lambda e: f"{e['dtw_cm']:.2f}",
                 "Fréchet, cm": lambda e: f"{e['frechet_cm']:.2f}",
                 "goal, cm": lambda e: f"{e['goal_cm']:.2f}",
-                **(_TURNS if tells_turns(reproduction["mean"]) else {}),
-                **(_TIMED if timed else {}),
+                **{
+                    SOME_MEASURE[name]: lambda e, name=name: "" if e.get(name) is None else f"{e[name]:.2f}"
+                    for name in measured(reproduction["per_demo"])
+                },
                 "energy increase": lambda e: f"{e['energy_increase']:.1e}",
                 "limit margin, rad": lambda e: f"{e['limit_margin_rad']:.3f}",
                 "rests away from": lambda e: ", ".join(e["rests_away_from"]),
@@ -99,7 +91,7 @@ def _validation(validation: Mapping[str, Any] | None) -> list[str]:
     title = heading("How well it does what it was not shown")
     if validation is None:
         return [title, paragraph(f"{NOT_VALIDATED}.".replace("--validate", "`jaxrmp learn --validate`").capitalize())]
-    timed = (validation["training"] or {}).get("time_aligned_cm") is not None
+    some = measured([fold["held_out"] for fold in validation["folds"]])
     mean = {"left_out": "mean", "method": "", "failed": None, **validation}
 
     def error(kind: str, name: str) -> Callable[[Mapping[str, Any]], str]:
@@ -119,15 +111,10 @@ def _validation(validation: Mapping[str, Any] | None) -> list[str]:
                 "held out: DTW, cm": error("held_out", "dtw_cm"),
                 "Fréchet, cm": error("held_out", "frechet_cm"),
                 "goal, cm": error("held_out", "goal_cm"),
-                **{
-                    f"held out: {title}": error("held_out", name)
-                    for title, name in _TURN_NAMES.items()
-                    if tells_turns(validation["held_out"])
-                },
-                **({"at the same time, cm": error("held_out", "time_aligned_cm")} if timed else {}),
+                **{f"held out: {SOME_MEASURE[name]}": error("held_out", name) for name in some},
                 "training: DTW, cm": error("training", "dtw_cm"),
                 "training: Fréchet, cm": error("training", "frechet_cm"),
-                **({"training: at the same time, cm": error("training", "time_aligned_cm")} if timed else {}),
+                **{f"training: {SOME_MEASURE[n]}": error("training", n) for n in some if n == "time_aligned_cm"},
             },
         ),
         *(paragraph(fold_failed(fold)) for fold in validation["folds"] if fold["failed"]),

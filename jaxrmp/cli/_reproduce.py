@@ -15,17 +15,16 @@ from ._sources import demonstrations_of, skill_and_robot
 
 
 def run(arguments: argparse.Namespace, rest: list[str]) -> None:
-    if not 0 < arguments.dt <= arguments.duration < float("inf"):
-        raise ConfigurationError(
-            f"--dt {arguments.dt} and --duration {arguments.duration}: expected 0 < dt <= duration."
-        )
+    duration = arguments.duration
+    if not 0 < arguments.dt <= (arguments.dt if duration is None else duration) < float("inf"):
+        raise ConfigurationError(f"--dt {arguments.dt} and --duration {duration}: expected 0 < dt <= duration.")
     skill, robot = skill_and_robot(arguments.skill, arguments.robot)
     demonstrations = demonstrations_of(skill, arguments.demos, robot)
     with progress_bar(arguments.quiet) as progress:
         progress("preparing", 0.0)
         prepared = prepare(skill.configuration, robot, demonstrations)
         progress("reproducing", 0.3)
-        times = {"duration": arguments.duration, "dt": arguments.dt}
+        times = {"duration": duration, "dt": arguments.dt}
         reproduction = reproduce(skill, robot, prepared, own_targets=arguments.targets == "own", **times)
         result = result_dict(reproduction, skill, demonstrations.source)
         if arguments.json:

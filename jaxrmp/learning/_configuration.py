@@ -107,7 +107,7 @@ class FlowSettings:
     circumradius: Positive[float] = 0.15
     weight: Positive[float] = 15.0
     funnel: NonNegative[float] = 18.0
-    onset: NonNegative[float] = 0.5
+    onset: NonNegative[float] = 0.55
     inner: Positive[float] = 1.2
     outer: Positive[float] = 2.2
     lead: NonNegative[float] = 0.7
@@ -116,7 +116,9 @@ class FlowSettings:
     def __post_init__(self):
         for name in ("inner", "onset"):
             if self.outer <= (radius := getattr(self, name)):
-                raise ConfigurationError(f"flow.outer is {self.outer!r}, expected more than flow.{name}, {radius!r}.")
+                raise ConfigurationError(
+                    f"flow.outer is {self.outer!r}, expected more than flow.{name}, {radius!r}: set that as well."
+                )
 
 
 @settings("policy")
@@ -211,14 +213,10 @@ class Configuration:
 
     @property
     def followed(self) -> PoseSettings:
-        """`poses` with the frame that follows demonstrations without joints: if it names none, that of the subtasks.
-
-        **Raises** `ConfigurationError` if they are on several.
-        """
+        """`poses` with the frame that follows demonstrations without joints: if it names none, that of the subtasks, if
+        they are all on one."""
         frames = list(dict.fromkeys(subtask.frame for subtask in self.subtasks))
-        if self.poses.start and not self.poses.frame and len(frames) > 1:
-            raise ConfigurationError(f"subtasks are on {frames}: say which of them was recorded, poses.frame.")
-        return self.poses if self.poses.frame else replace(self.poses, frame=frames[0])
+        return self.poses if self.poses.frame or len(frames) > 1 else replace(self.poses, frame=frames[0])
 
     def load_robot(self) -> Robot:
         """The built-in Panda, or the robot of the MJCF or URDF file that is named. **Raises** as `load_robot`."""

@@ -57,7 +57,8 @@ def _build(kind: Any, value: Any, where: str) -> Any:
     origin, arguments = typing.get_origin(kind), typing.get_args(kind)
     if origin is types.UnionType:  # a section of keys or a list
         section = isinstance(value, Mapping)
-        return _build(next(k for k in arguments if (typing.get_origin(k) is Mapping) == section), value, where)
+        fitting = [k for k in arguments if (typing.get_origin(k) is Mapping) == section]
+        return _build((fitting or arguments)[0], value, where)
     if dataclasses.is_dataclass(kind):
         if not isinstance(value, Mapping):
             raise ConfigurationError(f"{where} is {value!r}, expected a section of keys.")

@@ -147,7 +147,7 @@ class HandFlow:
             return hands + targets - own
         radius = length(own[0] - own.mean(0))
         middle = hands.mean(1, keepdims=True)
-        turns = jax.vmap(lambda hand: axes_of(hand, radius))(hands) @ axes_of(own, radius).T
+        turns = matmul(jax.vmap(lambda hand: axes_of(hand, radius))(hands), axes_of(own, radius).T)
         new = matmul(targets - targets.mean(0), jnp.swapaxes(turns, 1, 2))
         return middle + targets.mean(0) - own.mean(0) + new
 

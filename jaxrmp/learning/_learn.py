@@ -86,15 +86,7 @@ def learn(
     agreement = families(prepared.points)
     if not agreement.agree:
         warnings.warn(f"{demonstrations.source}: {agreement}", FileWarning, stacklevel=2)
-    if configuration.policy.tempo == "demonstrated":
-        for k, report in enumerate(prepared.joints.reports):
-            if report.paused:
-                warnings.warn(
-                    f"{demonstrations.source}: demonstration {k} pauses: {report.paused}. A policy that goes by where "
-                    "it is cannot wait there: it goes on.",
-                    FileWarning,
-                    stacklevel=2,
-                )
+    tell_pauses(configuration, demonstrations.source, prepared)
     lap("preprocessing")
     why = "asked for"
     if configuration.method != "paper":
@@ -104,9 +96,6 @@ def learn(
             check_stretch(flow.fit, configuration.policy.tempo == "demonstrated")
             skill = _skill(configuration, robot, demonstrations, prepared, None, flow.motion)
             duration = rollout_duration(configuration.policy, prepared)
-            if configuration.policy.tempo == "constant":
-                longest = max(np.linalg.norm(np.diff(path, axis=0), axis=1).sum() for path in flow.paths)
-                duration = max(20.0, 3 * longest / configuration.policy.speed)
             progress("reproducing", 0.0)
             skill = _led_along_its_own_ways(skill, robot, prepared, duration)
             progress("reproducing", 0.5)
@@ -131,6 +120,20 @@ def learn(
     lap("paper")
     skill = _skill(configuration, robot, demonstrations, prepared, paper.learned, None)
     return Learning(skill, prepared, agreement, paper, None, None, why, seconds)
+
+
+def tell_pauses(configuration: Configuration, source: str, prepared: PreparedDemonstrations) -> None:
+    """A `FileWarning` for each demonstration that pauses, if its tempo is to be learned."""
+    if configuration.policy.tempo == "constant":
+        return
+    for k, report in enumerate(prepared.joints.reports):
+        if report.paused:
+            warnings.warn(
+                f"{source}: demonstration {k} pauses: {report.paused}. A policy that goes by where it is cannot wait "
+                "there: it goes on.",
+                FileWarning,
+                stacklevel=3,
+            )
 
 
 def _skill(

@@ -8,6 +8,8 @@ import numpy as np
 from .._errors import ShapeError
 from ._arc_length import resample_by_arc_length
 
+_SHORT = 0.01  # m, of a path of which nothing is a share
+
 
 def dtw_distance(a: np.ndarray, b: np.ndarray) -> float:
     """Mean distance between two paths along their optimal dynamic-time-warping alignment.
@@ -83,7 +85,7 @@ def reproduction_errors(demo_points: np.ndarray, rollout_points: np.ndarray, sam
     }
 
 
-def turn_errors(demonstrated: np.ndarray, rolled: np.ndarray, samples: int = 200) -> dict[str, float]:
+def turn_errors(demonstrated: np.ndarray, rolled: np.ndarray, samples: int = 200) -> dict[str, float | None]:
     """How far a rigid hand is from its demonstration in place and turn.
 
     Both ways are resampled to `samples` hands, even in the path of the corners, and put together by dynamic time
@@ -91,7 +93,8 @@ def turn_errors(demonstrated: np.ndarray, rolled: np.ndarray, samples: int = 200
 
     **Arguments**: `demonstrated` [T, 3, 3] and `rolled` [S, 3, 3], m, corners of a triangle on the hand, in one frame.
     **Returns** `position_percent`, the mean distance of the triangles' middles in percent of the path that the
-    demonstrated one goes; `turn_deg`, the mean angle between the hands, and `goal_turn_deg`, that in the end, degrees.
+    demonstrated one goes, None if that is less than 1 cm; `turn_deg`, the mean angle between the hands, and
+    `goal_turn_deg`, that in the end, degrees.
     **Raises** `ShapeError` if the shapes are others.
     """
     shapes = np.shape(demonstrated), np.shape(rolled)
@@ -102,7 +105,9 @@ def turn_errors(demonstrated: np.ndarray, rolled: np.ndarray, samples: int = 200
     path = np.linalg.norm(np.diff(np.mean(demonstrated, axis=1), axis=0), axis=1).sum()
     angles = np.degrees(_angles(a, b))
     return {
-        "position_percent": 100 * float(np.linalg.norm(a.mean(1) - b.mean(1), axis=1).mean() / max(path, 1e-9)),
+        "position_percent": 100 * float(np.linalg.norm(a.mean(1) - b.mean(1), axis=1).mean() / path)
+        if path > _SHORT
+        else None,
         "turn_deg": float(angles.mean()),
         "goal_turn_deg": float(angles[-1]),
     }

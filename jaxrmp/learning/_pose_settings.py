@@ -7,6 +7,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from .._errors import ConfigurationError, UnknownNameError
+from .._pytree import set_field
 from .._ranges import settings
 from ..kinematics import Robot
 
@@ -31,9 +32,15 @@ class PoseSettings:
 
     def __post_init__(self):
         UnknownNameError.check("poses.place", self.place, get_args(Place))
+        start = self.start
+        set_field(self, "start", dict(start) if isinstance(start, Mapping) else tuple(float(a) for a in start))
 
     def posture(self, robot: Robot) -> np.ndarray:
-        """The start posture [n] of `robot`. **Raises** `ConfigurationError` if it is not one number for each joint."""
+        """The start posture [n] of `robot`.
+
+        **Raises** `ConfigurationError` if it is not one number for each joint, within its limits; `UnknownNameError`
+        for a joint that is not there.
+        """
         names, start = robot.joint_names, self.start
         if isinstance(start, Mapping):
             for name in start:
@@ -47,7 +54,14 @@ class PoseSettings:
             raise ConfigurationError(
                 f"poses.start has {len(start)} numbers, but {robot.name!r} has {len(names)} joints: {list(names)}."
             )
-        return np.asarray(start, float)
+        posture = np.asarray(start, float)
+        for name, angle, lower, upper in zip(names, posture, robot.lower, robot.upper, strict=True):
+            if not (np.isfinite(angle) and lower <= angle <= upper):
+                raise ConfigurationError(
+                    f"poses.start has {angle:g} for joint {name!r} of {robot.name!r}, which goes from {lower:.4g} to "
+                    f"{upper:.4g}."
+                )
+        return posture
 
 
 def example(robot: Robot | None) -> str:

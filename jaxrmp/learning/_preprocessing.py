@@ -197,7 +197,7 @@ def _preprocess_one(
         trimmed_start=start / rate,
         trimmed_end=end / rate,
         pauses_dropped=len(inner),
-        pause_seconds_dropped=sum(b - a for a, b in inner) / rate,
+        pause_seconds_dropped=sum(b - a for a, b in inner) * step,
         static_speed=settings.static_speed * median,
         median_speed=median,
         path_length=float(np.linalg.norm(np.diff(trajectory, axis=0), axis=1).sum()),

@@ -46,21 +46,23 @@ def reproduce(
     robot: Robot,
     prepared: PreparedDemonstrations,
     *,
-    duration: float = 20.0,
+    duration: float | None = None,
     dt: float = 0.005,
     own_targets: bool = True,
 ) -> Reproduction:
     """Reproduce each demonstration from its own first configuration, at rest, with the object where it was then.
 
-    **Arguments**: `skill`; its `robot`; `prepared`, the demonstrations, by `prepare`; `duration`, `dt`, seconds;
-    `own_targets`, whether targets are where that demonstration ended (so only the way there is judged) or the skill's.
+    **Arguments**: `skill`; its `robot`; `prepared`, the demonstrations, by `prepare`; `duration`, s, by default that
+    of `rollout_duration`; `dt`, s; `own_targets`, whether targets are where that demonstration ended (so only the way
+    there is judged) or the skill's.
     **Returns** a `Reproduction`.
     **Raises** `RolloutError` if a rollout holds non-finite states, `RobotError` for another robot than the skill's.
     """
     start = np.stack([q[0] for q in prepared.joints.q])
     ends = prepared.subtasks.ends if own_targets else np.broadcast_to(skill.targets, prepared.subtasks.ends.shape)
     trees = [skill.tree(robot, T, target) for T, target in zip(prepared.poses, ends, strict=True)]
-    rollouts = rollouts_of(trees, start, duration, dt)
+    seconds = rollout_duration(skill.configuration.policy, prepared) if duration is None else duration
+    rollouts = rollouts_of(trees, start, seconds, dt)
     finite = np.isfinite(rollouts.q).all((1, 2)) & np.isfinite(rollouts.qd).all((1, 2))
     if not finite.all():
         raise RolloutError(

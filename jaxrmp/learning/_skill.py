@@ -127,7 +127,8 @@ class Skill:
     def with_gains(self, speed: float, damping_rate: float) -> "Skill":
         """The same skill at another cruise `speed`, m/s, and `damping_rate`, 1/s: geometry stays, tempo changes.
 
-        A skill of demonstrated tempo has the speed `flow.attractor.speed`; with twice that it takes half the time.
+        A skill of demonstrated tempo has the speed `flow.attractor.speed`; with twice that and twice the damping rate
+        it takes half the time.
         """
         for name, value in (("speed", speed), ("damping_rate", damping_rate)):
             if not 0 < value < float("inf"):

@@ -94,9 +94,9 @@ def _from_5_to_6(content: SkillContent) -> SkillContent:
 def _from_6_to_7(content: SkillContent) -> SkillContent:
     """Funnels say from where on they lead along their postures; an earlier one did from where it led towards them."""
     header, arrays = content
-    if header["flow"] is None:
-        return content
     onset = {name.replace("inner", "onset"): a for name, a in arrays.items() if name.endswith("/inner")}
-    flow = header["configuration"]["flow"]
-    flow = {**flow, "onset": flow.get("inner", 0.8)}
-    return SkillContent(header | {"configuration": header["configuration"] | {"flow": flow}}, arrays | onset)
+    configuration = header["configuration"]
+    if "flow" in configuration:
+        flow = {"inner": 0.8, "outer": 2.0, "lead": 0.5} | configuration["flow"]
+        configuration = configuration | {"flow": {**flow, "onset": flow["inner"]}}
+    return SkillContent(header | {"configuration": configuration}, arrays | onset)

@@ -1,6 +1,6 @@
 """When a policy is where: the latent attractor's way in time, laid along demonstrations as fast as they were."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -42,12 +42,16 @@ def radii(times: np.ndarray, tempo: Tempo, damping_rate: float) -> np.ndarray:
     It is that of `CruisingAttractor`, of second order, `r'' = -damping_rate (speed tanh(r / taper) + r')`, from where
     it takes the whole time to come within 1 mm. What is then left is taken off evenly in time.
     """
-    steps = max(round((times[-1] - times[0]) / _STEP), 1)
-    dt, end = (times[-1] - times[0]) / steps, _END / tempo.speed
-    start = times[-1] - times[0] + end
-    for _ in range(8):  # where it ends depends on where it starts as it would without inertia, nearly
-        left = _latent_motion(start, steps, dt, tempo.settle, damping_rate)
-        start += tempo.settle * (np.log(np.sinh(end / tempo.settle)) - _log_sinh(max(left[-1], 1e-9) / tempo.settle))
+    duration, end = times[-1] - times[0], _END / tempo.speed
+    steps = max(round(duration / _STEP), 1)
+    dt = duration / steps
+
+    def motion(start: float) -> np.ndarray:
+        return _latent_motion(start, steps, dt, tempo.settle, damping_rate)
+
+    # Critically damped, it passes no end; and it gets no farther than its full speed would take it.
+    start = _root(lambda start: motion(start)[-1] - end, end, end + duration)
+    left = motion(start)
     left = left - left[-1] * np.linspace(0, 1, steps + 1)
     return tempo.speed * np.interp(times, times[0] + dt * np.arange(steps + 1), left)
 
@@ -63,8 +67,19 @@ def _latent_motion(start: float, steps: int, dt: float, settle: float, damping_r
     return left
 
 
-def _log_sinh(x: float) -> float:
-    return x + np.log1p(-np.exp(-2 * x)) - np.log(2)
+def _root(f: Callable[[float], float], low: float, high: float) -> float:
+    """Where a rising `f` is zero between `low` and `high` (regula falsi, Illinois)."""
+    a, b = f(low), f(high)
+    for _ in range(40):
+        x = high - b * (high - low) / (b - a)
+        y = f(x)
+        if abs(y) < 1e-6 * (high - low) or high - low < 1e-9 * high:
+            return x
+        if y > 0:
+            high, b, a = x, y, a / 2
+        else:
+            low, a, b = x, y, b / 2
+    return x
 
 
 def _length(path: np.ndarray) -> np.ndarray:

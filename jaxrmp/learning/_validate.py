@@ -11,7 +11,7 @@ from .._errors import DemonstrationError, FileWarning, JaxrmpError
 from ..kinematics import Robot
 from ._configuration import Configuration
 from ._demonstrations import DemonstrationSet
-from ._learn import learn
+from ._learn import learn, tell_pauses
 from ._measures import mean_errors
 from ._prepare import PreparedDemonstrations, in_frame, prepare
 from ._preprocessing import Preprocessed
@@ -93,6 +93,7 @@ def validate(
     progress = progress or (lambda step, fraction: None)
     sets = leave_one_out(demonstrations)
     prepared = prepare(configuration, robot, demonstrations)
+    tell_pauses(configuration, demonstrations.source, prepared)
     duration = rollout_duration(configuration.policy, prepared)
     folds = []
     for k, others in enumerate(sets):

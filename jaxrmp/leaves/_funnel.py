@@ -9,7 +9,7 @@ from .._errors import ConfigurationError
 from .._forms import DiagonalForm
 from .._gds import GeometricDynamicalSystem
 from .._linalg import matmul
-from .._pytree import pytree, static
+from .._pytree import pytree, set_field, static
 from .._ranges import NonNegative, Positive
 from ._smooth_ratios import log_cosh
 
@@ -22,8 +22,8 @@ class Funnel(GeometricDynamicalSystem):
 
     `d(q)`, the distance to the nearest of the postures, is a soft minimum of `|q - q_k|`, and `l(q)`, how much is left
     from where it leads, the soft minimum of `|q - q_k| + left_k` less d. Share `s(d)`: a quintic step from 0 at `inner`
-    to 1 at `outer`, both exact; `a(d)`, the same from `onset`. `G = (w (s + l a') + w_in) I`, `B = damping_rate G`, and
-    `Phi / (speed damping_rate)` is w times the integral of s over d, plus `w a l`, plus `w_in taper log cosh(d /
+    to 1 at `outer`, both exact; `b(d)`, the same from `onset`. `G = (w (s + l b') + w_in) I`, `B = damping_rate G`, and
+    `Phi / (speed damping_rate)` is w times the integral of s over d, plus `w b l`, plus `w_in taper log cosh(d /
     taper)`. With `w_in = 0` there is no force, no inertia and no damping nearer than both `inner` and `onset`. Beyond
     inner it draws to the nearest posture at `speed`, and beyond onset, with `left`, the length of the way from each
     posture on, along it as well. An onset well before inner matters: what pulls out of the tube, such as a task whose
@@ -32,8 +32,8 @@ class Funnel(GeometricDynamicalSystem):
     open, such as where the elbow of a redundant arm is.
 
     **Arguments**: `postures` [S, n], rad or m, dense along a path of motion; `left` [S], units of q; `weight` w, the
-    metric far outside; `within` w_in, everywhere; `speed`, rad/s or m/s; `damping_rate`, 1/s; `inner`, `onset`,
-    `outer`, `taper` and `softness`, units of q.
+    metric far outside; `within` w_in, everywhere; `speed`, rad/s or m/s; `damping_rate`, 1/s; `inner`, `outer`,
+    `onset` (by default inner), `taper` and `softness`, units of q.
     **Raises** `ConfigurationError` for an inner radius, taper or softness that is not positive, an outer radius that is
     not larger than inner and onset, or a negative gain or length.
 
@@ -51,13 +51,15 @@ class Funnel(GeometricDynamicalSystem):
     speed: NonNegative[jax.Array | float] = 1.0
     damping_rate: NonNegative[jax.Array | float] = 40.0
     inner: Positive[jax.Array | float] = 0.5
-    onset: NonNegative[jax.Array | float] = 0.25
     outer: Positive[jax.Array | float] = 0.8
+    onset: NonNegative[jax.Array | float | None] = None
     softness: Positive[jax.Array | float] = 0.05
     taper: Positive[jax.Array | float] = 0.15
     name: str = static(default="funnel")
 
     def __post_init__(self):
+        if self.onset is None:
+            set_field(self, "onset", self.inner)
         for name, radius in (("inner", self.inner), ("onset", self.onset)):
             if any(isinstance(r, Tracer) for r in (radius, self.outer)):
                 continue

@@ -96,3 +96,12 @@ def test_poses_hold_position_and_rotation():
     np.testing.assert_array_equal(T[:, :3, 3], p)
     np.testing.assert_array_equal(T[:, 3], np.tile([0, 0, 0, 1], (5, 1)))
     np.testing.assert_array_equal(pose(p[0], R[0]), T[0])
+
+
+def test_the_nearest_rotation_is_smooth_where_singular_values_are_equal(x64):
+    from jax.test_util import check_grads
+
+    R = rotation_of_vector(np.array([0.3, -0.5, 0.8]))
+    triangle = np.array([[1.0, 0.0, 0.0], [-0.5, 0.75**0.5, 0.0], [-0.5, -(0.75**0.5), 0.0]])
+    for A in (R @ triangle.T @ triangle, R @ np.diag([2.0, 2.0, 2.0]), R @ np.diag([3.0, 1.0, -0.5])):
+        check_grads(nearest_rotation, (jnp.asarray(A),), order=1, modes=["fwd", "rev"])

@@ -73,6 +73,14 @@ def test_radii_are_where_an_attractor_is_at_each_time():
     assert found[-1] == pytest.approx(0, abs=1e-9) and then[-1] == pytest.approx(1e-3, abs=2e-4)
 
 
+@pytest.mark.parametrize(("damping_rate", "duration"), [(5.0, 0.5), (10.0, 1.0), (20.0, 0.5), (40.0, 20.0)])
+def test_radii_fall_to_zero_however_short_a_demonstration_is(damping_rate, duration):
+    found = radii(np.linspace(0, duration, 50), Tempo(0.3, 4 / damping_rate), damping_rate)
+    assert (np.diff(found) <= 0).all() and (found >= 0).all()
+    assert found[-1] == pytest.approx(0, abs=1e-9)
+    assert found[0] < 0.3 * duration + 2e-3
+
+
 def test_the_speed_found_is_that_of_a_motion_at_one_speed():
     times = np.linspace(0, 4.0, 400)
     path = radii(times, Tempo(0.25, 0.1), 40.0)[:, None] * [0.6, 0.8]
