@@ -16,6 +16,7 @@ ONE_CORE = tuple(name for name in _bars.NAMES if name not in ALL_CORES)
 LONG = (
     "reproduction",
     "paths",
+    "starts",
     "scenes",
     "robots",
     "view",

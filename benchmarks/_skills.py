@@ -4,8 +4,8 @@ import os
 from dataclasses import replace
 from pathlib import Path
 
-from jaxrmp.cli._sources import find_demonstrations
-from jaxrmp.learning import Configuration, Learning, learn, load_configuration, save_skill
+from jaxrmp.cli._sources import default_demonstrations, find_demonstrations
+from jaxrmp.learning import Configuration, DemonstrationSet, Learning, learn, load_configuration, save_skill
 from jaxrmp.learning._configuration import Method
 
 from ._report import FOLDER
@@ -36,6 +36,14 @@ def demonstrations(task: str, source: str):
     """The demonstrations of a task from a source."""
     folder = Path(os.environ.get("JAXRMP_DATA") or os.devnull) / "franka" / task
     return find_demonstrations(f"synthetic:{task}" if source == "synthetic" else str(folder))
+
+
+def recorded(task: str) -> tuple[Configuration, DemonstrationSet]:
+    """The recordings of a task in `$JAXRMP_DATA`, or what the command line has in their place, and its configuration:
+    the committed one of that name, or the drawer's, whose control points are the same hand's."""
+    file = CONFIGS / f"{task}.toml"
+    settings = load_configuration(file if file.exists() else CONFIGS / "drawer_closing.toml")
+    return replace(settings, name=task), find_demonstrations(default_demonstrations(task))
 
 
 def configuration(task: str, quick: bool = False) -> Configuration:

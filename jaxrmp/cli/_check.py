@@ -15,6 +15,7 @@ from ..io import load_lula, read_xrdf
 from ..kinematics import Robot, hand_frame, load_robot, panda
 from ..learning import (
     DemonstrationSet,
+    Preprocessed,
     RecordingSettings,
     control_points,
     families,
@@ -182,7 +183,14 @@ def _configuration(arguments: argparse.Namespace, found: _Findings) -> None:
     if arguments.demos:
         recorded = lambda: find_demonstrations(arguments.demos, configuration, robot)  # noqa: E731
         prepared = found.attempt(lambda: prepare(configuration, robot, recorded()))
+        _pauses(prepared.joints if prepared else None, found)
         _agreement(prepared.points if prepared else None, found)
+
+
+def _pauses(joints: Preprocessed | None, found: _Findings) -> None:
+    for k, report in enumerate(joints.reports if joints else ()):
+        if report.paused:
+            found.add("note", f"demonstration {k} pauses: {report.paused}. What is learned goes on instead.")
 
 
 def _skill(arguments: argparse.Namespace, found: _Findings) -> None:
@@ -213,16 +221,18 @@ def _demonstrations(arguments: argparse.Namespace, found: _Findings) -> None:
     if robot is not None:
         fitted = found.attempt(lambda: fit_to_robot(demonstrations, robot))
         found.read["fit the robot"] = robot.name if fitted is not None else None
-        _agreement(found.attempt(lambda: _hand_points(robot, fitted)) if fitted is not None else None, found)
+        _agreement(found.attempt(lambda: _hand_points(robot, fitted, found)) if fitted is not None else None, found)
     else:
         found.read["fit the robot"] = found.read["ways to go"] = None
         found.add("note", "angles, units, columns and agreement were not checked: give the arm with --robot FILE.")
 
 
-def _hand_points(robot: Robot, demonstrations: DemonstrationSet) -> list[np.ndarray]:
+def _hand_points(robot: Robot, demonstrations: DemonstrationSet, found: _Findings) -> list[np.ndarray]:
     """Points of the hand [T, K, 3] in each, seen from the object if there is one, m."""
     frames = (hand_frame(robot),) * len(_HAND)
-    points = [control_points(robot, frames, _HAND, q) for q in preprocess(demonstrations).q]
+    joints = preprocess(demonstrations)
+    _pauses(joints, found)
+    points = [control_points(robot, frames, _HAND, q) for q in joints.q]
     if len(demonstrations.object_names) == 1:
         (name,) = demonstrations.object_names
         points = [in_frame(path, d.pose(name)) for path, d in zip(points, demonstrations, strict=True)]

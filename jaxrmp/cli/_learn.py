@@ -113,7 +113,9 @@ def _summary(learning: Learning) -> str:
         found = [
             f"{report.repeats_merged} repeated stamps" if report.repeats_merged else "",
             f"{report.gaps} gaps, the largest {report.largest_gap:.2f} s" if report.gaps else "",
-            f"{report.pause_seconds_dropped:.1f} s of pauses dropped" if report.pauses_dropped else "",
+            f"{report.pause_seconds_dropped:.1f} s of pauses dropped ({report.paused})"
+            if report.pauses_dropped
+            else "",
         ]
         if any(found):
             lines.append(f"demonstration {i}: {', '.join(filter(None, found))}")

@@ -116,17 +116,23 @@ def validation_table(validation: dict[str, Any] | None) -> str:
     if validation is None:
         return NOT_VALIDATED
     turned = any(tells_turns(fold["held_out"]) for fold in validation["folds"])
+    timed = (validation["training"] or {}).get("time_aligned_cm") is not None
+    late, late_too = ("  time_aligned_cm", "  training_time_aligned_cm") if timed else ("", "")
     lines = [
         "each left out in turn, learned without it, and reproduced (held out), beside those learned from (training)",
-        f"left_out  dtw_cm  frechet_cm  goal_cm{_TURNS * turned}  training_dtw_cm  training_frechet_cm  method",
+        f"left_out  dtw_cm  frechet_cm  goal_cm{_TURNS * turned}{late}  training_dtw_cm  training_frechet_cm{late_too}"
+        "  method",
     ]
     rows = [(str(f["left_out"]), f["held_out"], f["training"], f["method"]) for f in validation["folds"]]
     for name, held_out, training, method in [*rows, ("mean", validation["held_out"], validation["training"], "")]:
         if held_out is not None:
             lines.append(
                 f"{name:<10}{held_out['dtw_cm']:>6.2f}{held_out['frechet_cm']:>12.2f}{held_out['goal_cm']:>9.3f}"
-                f"{_turns(held_out) if turned else ''}{training['dtw_cm']:>17.2f}{training['frechet_cm']:>21.2f}"
-                f"  {method}".rstrip()
+                + (_turns(held_out) if turned else "")
+                + (f"{held_out['time_aligned_cm']:>17.2f}" if timed else "")
+                + f"{training['dtw_cm']:>17.2f}{training['frechet_cm']:>21.2f}"
+                + (f"{training['time_aligned_cm']:>26.2f}" if timed else "")
+                + f"  {method}".rstrip()
             )
     lines += [fold_failed(f) for f in validation["folds"] if f["failed"]]
     lines.append(folds_passed(validation))
@@ -135,8 +141,7 @@ def validation_table(validation: dict[str, Any] | None) -> str:
 
 def tells_turns(errors: Mapping[str, Any] | None) -> bool:
     """Whether `errors` of a reproduction say how far the hand is turned off."""
-    value = errors and errors.get("turn_deg")
-    return value is not None and math.isfinite(value)
+    return errors is not None and errors.get("turn_deg") is not None
 
 
 def _turns(errors: Mapping[str, Any]) -> str:
@@ -164,11 +169,14 @@ def error_table(result: dict[str, Any]) -> str:
         lines.append(f"note: learned from {result['learned_from']}, measured on other demonstrations")
     lines.append(f"measured on {result['measured_on']}")
     turned = tells_turns(result["mean"])
-    lines.append(f"demo    dtw_cm  frechet_cm  goal_cm{_TURNS * turned}  energy_increase  limit_margin_rad")
+    timed = result["mean"].get("time_aligned_cm") is not None
+    late = "  time_aligned_cm" if timed else ""
+    lines.append(f"demo    dtw_cm  frechet_cm  goal_cm{_TURNS * turned}  energy_increase  limit_margin_rad{late}")
     for name, e in [(str(e["demo"]), e) for e in result["per_demo"]] + [("mean", result["mean"])]:
         lines.append(
             f"{name:<6}{e['dtw_cm']:>8.2f}{e['frechet_cm']:>12.2f}{e['goal_cm']:>9.3f}"
             f"{_turns(e) if turned else ''}{e['energy_increase']:>17.1e}{e['limit_margin_rad']:>18.3f}"
+            + (f"{e['time_aligned_cm']:>17.2f}" if timed else "")
         )
     for e in result["per_demo"]:
         if names := e["rests_away_from"]:

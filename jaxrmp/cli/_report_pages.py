@@ -42,11 +42,15 @@ def pictures_in(paths: Iterable[Path]) -> dict[str, tuple[bytes, str]]:
     return found
 
 
+_TIMED = {"at the same time, cm": lambda e: f"{e['time_aligned_cm']:.2f}"}
+
+
 def learning_page(
     report: Mapping[str, Any], made_by: Mapping[str, Any], figures: Mapping[str, tuple[bytes, str]], path: Path
 ) -> Path:
     """Write what `learning_report.json` and `made_by.json` say, with the pictures, for a person."""
     reproduction, seconds = report["reproduction"], report["seconds"]
+    timed = reproduction["mean"].get("time_aligned_cm") is not None
     parts = [
         paragraph(
             f"Learned from {report['source']} in {sum(seconds.values()):.1f} s by the method {report['method']!r}: "
@@ -62,6 +66,7 @@ def learning_page(
                 "Fréchet, cm": lambda e: f"{e['frechet_cm']:.2f}",
                 "goal, cm": lambda e: f"{e['goal_cm']:.2f}",
                 **(_TURNS if tells_turns(reproduction["mean"]) else {}),
+                **(_TIMED if timed else {}),
                 "energy increase": lambda e: f"{e['energy_increase']:.1e}",
                 "limit margin, rad": lambda e: f"{e['limit_margin_rad']:.3f}",
                 "rests away from": lambda e: ", ".join(e["rests_away_from"]),
@@ -82,6 +87,7 @@ def learning_page(
                 "gaps": lambda d: d[1]["gaps"],
                 "largest gap, s": lambda d: f"{d[1]['largest_gap']:.3f}",
                 "pauses dropped, s": lambda d: f"{d[1]['pause_seconds_dropped']:.2f}",
+                "from, s": lambda d: ", ".join(f"{at:.1f}" for at, _ in d[1]["pauses"]),
             },
         ),
         _page.settings(made_by, ("configuration", "versions")),
@@ -93,10 +99,11 @@ def _validation(validation: Mapping[str, Any] | None) -> list[str]:
     title = heading("How well it does what it was not shown")
     if validation is None:
         return [title, paragraph(f"{NOT_VALIDATED}.".replace("--validate", "`jaxrmp learn --validate`").capitalize())]
+    timed = (validation["training"] or {}).get("time_aligned_cm") is not None
     mean = {"left_out": "mean", "method": "", "failed": None, **validation}
 
     def error(kind: str, name: str) -> Callable[[Mapping[str, Any]], str]:
-        return lambda fold: "" if fold[kind] is None else f"{fold[kind][name]:.2f}".replace("nan", "-")
+        return lambda fold: "" if (fold[kind] or {}).get(name) is None else f"{fold[kind][name]:.2f}"
 
     return [
         title,
@@ -117,8 +124,10 @@ def _validation(validation: Mapping[str, Any] | None) -> list[str]:
                     for title, name in _TURN_NAMES.items()
                     if tells_turns(validation["held_out"])
                 },
+                **({"at the same time, cm": error("held_out", "time_aligned_cm")} if timed else {}),
                 "training: DTW, cm": error("training", "dtw_cm"),
                 "training: Fréchet, cm": error("training", "frechet_cm"),
+                **({"training: at the same time, cm": error("training", "time_aligned_cm")} if timed else {}),
             },
         ),
         *(paragraph(fold_failed(fold)) for fold in validation["folds"] if fold["failed"]),

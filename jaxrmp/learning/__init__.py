@@ -40,6 +40,7 @@ from ._load_demonstrations import load_demonstrations as load_demonstrations
 from ._measures import discrete_frechet as discrete_frechet
 from ._measures import dtw_distance as dtw_distance
 from ._measures import reproduction_errors as reproduction_errors
+from ._measures import time_aligned_error as time_aligned_error
 from ._measures import turn_errors as turn_errors
 from ._metric_network import CholeskyFactor as CholeskyFactor
 from ._metric_network import initial_cholesky_factor as initial_cholesky_factor

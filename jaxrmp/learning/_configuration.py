@@ -20,6 +20,7 @@ ACTIVATIONS = ("relu", "softplus", "silu", "tanh")
 LOSSES = ("smooth_l1", "l2")
 Method = Literal["auto", "flow", "paper"]
 Kind = Literal["points", "pose"]
+Tempo = Literal["constant", "demonstrated"]
 _SOME_RANGE = {"lower": np.zeros(1), "upper": np.ones(1), "rest": np.zeros(1)}  # a robot's, not a configuration's
 
 
@@ -121,14 +122,17 @@ class FlowSettings:
 @settings("policy")
 class PolicySettings:
     """Gains of the learned policy: cruise `speed`, m/s; `damping_rate`, 1/s; and by name, where they are not to
-    be as the leaf has them, `joint_damping` of `Damping` on all joints and `joint_limit` of `JointLimit`."""
+    be as the leaf has them, `joint_damping` of `Damping` on all joints and `joint_limit` of `JointLimit`. `tempo`:
+    "constant", at the cruise speed, or as "demonstrated", when the speed is found and not set; only by a flow."""
 
+    tempo: Tempo = "constant"
     speed: Positive[float] = 0.2
     damping_rate: Positive[float] = 40.0
     joint_damping: Mapping[str, float] = field(default_factory=dict, hash=False)
     joint_limit: Mapping[str, float] = field(default_factory=dict, hash=False)
 
     def __post_init__(self):
+        UnknownNameError.check("tempo", self.tempo, get_args(Tempo))
         set_field(self, "joint_damping", {"weight": 2e-3, "damping_rate": 10.0} | dict(self.joint_damping))
         for gains, leaf, given in ((self.joint_damping, Damping, {}), (self.joint_limit, JointLimit, _SOME_RANGE)):
             known = [f.name for f in fields(leaf) if f.name not in given and not f.metadata.get("static")]
@@ -187,6 +191,11 @@ class Configuration:
             raise ConfigurationError(
                 f"subtask {names[0]!r} is a pose, of which method 'paper' knows nothing: set method to 'auto' or "
                 "'flow', or give three control points instead."
+            )
+        if self.method == "paper" and self.policy.tempo != "constant":
+            raise ConfigurationError(
+                f"policy.tempo is {self.policy.tempo!r} and method 'paper', which knows one speed only. Set method to "
+                "'flow', or policy.tempo to 'constant'."
             )
         if self.seed < 0:
             raise ConfigurationError(f"seed is {self.seed!r}, expected 0 or more.")

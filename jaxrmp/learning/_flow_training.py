@@ -25,7 +25,8 @@ _JUDGED = 8  # one of so many tells in the end how much the flow stretches space
 _UPDATES_A_CALL = 100
 _PROBES = 16  # places near and as many far at an update at which the flow is kept from stretching and turning space
 _LEAST_STRETCH, _MOST_STRETCH = 0.02, 50.0  # of space by a flow, on the demonstrations
-_HUBER = 0.1  # error, over the flow's length, from where on it counts linearly
+_MOST_TIMED = 150.0  # where it has to be slow in some places and fast in others
+_HUBER, _HUBER_TIMED = 0.1, 0.3  # error, over the flow's length, from where on it counts linearly
 
 
 class FlowFit(NamedTuple):
@@ -39,12 +40,20 @@ class FlowFit(NamedTuple):
     loop_seconds: float
 
 
+class Timing(NamedTuple):
+    """The `radii`, N arrays [T], that an attractor of this `taper` has at the times of paths' points."""
+
+    radii: Sequence[np.ndarray]
+    taper: float
+
+
 class _Paths(NamedTuple):
-    """Paths `x` [N, S, m], `left` [N, S] of their length; points `near` [M, m] them and `far` [F, m], whose `weights`
-    [F] say how far."""
+    """Paths `x` [N, S, m], `left` [N, S] of their length, or the radius at their times, with the attractor's `taper`,
+    which else is 0; points `near` [M, m] them and `far` [F, m], whose `weights` [F] say how far."""
 
     x: jax.Array
     left: jax.Array
+    taper: jax.Array
     near: jax.Array
     far: jax.Array
     weights: jax.Array
@@ -71,6 +80,7 @@ def train_flow(
     settings: FlowSettings | None = None,
     seed: int = 0,
     progress: Callable[[int, float], None] | None = None,
+    timing: Timing | None = None,
 ) -> FlowFit:
     """Find the flow behind which each of `paths` is a straight line to the origin, as long as the path is.
 
@@ -79,16 +89,19 @@ def train_flow(
     from further on, with r the length that is left; beside that, the flow is kept from stretching space near the
     paths, from turning it far from them, and follows mixtures of two paths for starts in between.
 
+    With `timing` r is the radius that the attractor has at each point's time, so that it is there then. Errors along
+    the motion then count more, not less, but on mixtures, of which nobody showed how fast they are, not at all.
+
     **Arguments**: `paths`, N arrays [T, m] that end at the origin, m in units of length; `far` [F, m], places where
     nothing is known and the flow is to be near the identity; `settings`; `seed`, of all that is random; `progress`,
-    called with updates done and mean loss.
+    called with updates done and mean loss; `timing`, of the paths, which are then to be dense, even in time.
     **Returns** a `FlowFit`.
     **Raises** `TrainingError` if the loss is not finite.
 
     Our loss; the idea is Rana et al., Euclideanizing Flows (2020), where rollouts are compared.
     """
     settings = settings or FlowSettings()
-    data = _paths(paths, far)
+    data = _paths(paths, far, timing)
     N, _, m = data.x.shape
     flow = initial_flow(seed, m, settings.couplings, settings.hidden, float(np.abs(data.x).max()) / 4)
     draws = _draws(np.random.default_rng([seed, 1]), settings.updates, N, settings.mixtures if N > 1 else 0, data)
@@ -97,7 +110,10 @@ def train_flow(
     calls = [jax.tree.map(lambda d, i=i: d[i : i + a_call], draws) for i in range(0, settings.updates, a_call)]
     carry, losses = (networks, _optimizer(settings).init(networks)), []
     clock = time.perf_counter()
-    run = _updates.lower(carry, calls[0], flow, data, settings=settings).compile()  # once for data of the same shapes
+    timed = timing is not None
+    run = _updates.lower(
+        carry, calls[0], flow, data, settings=settings, timed=timed
+    ).compile()  # once for data of the same shapes
     compilation_seconds, clock = time.perf_counter() - clock, time.perf_counter()
     for i, drawn in enumerate(calls):
         carry, values = run(carry, drawn, flow, data)
@@ -126,13 +142,13 @@ def _slopes(flow: Flow, x: jax.Array) -> jax.Array:
     return jax.vmap(lambda x: flow.pushforward(x, jnp.zeros_like(x)).J)(x)
 
 
-def check_stretch(fit: FlowFit) -> None:
-    """**Raises** `TrainingError` for a flow that rollouts could not follow."""
-    least, largest = fit.stretch
-    if not (least >= _LEAST_STRETCH and largest <= _MOST_STRETCH):
+def check_stretch(fit: FlowFit, timed: bool = False) -> None:
+    """**Raises** `TrainingError` for a flow that rollouts could not follow; `timed`, if it was trained so."""
+    (least, largest), most = fit.stretch, _MOST_TIMED if timed else _MOST_STRETCH
+    if not (least >= _LEAST_STRETCH and largest <= most):
         raise TrainingError(
             f"the flow stretches space by {least:.2g} to {largest:.2g} on the demonstrations, allowed {_LEAST_STRETCH} "
-            f"to {_MOST_STRETCH}. Lower flow.learning_rate or raise flow.conditioning."
+            f"to {most}. Lower flow.learning_rate or raise flow.conditioning."
         )
 
 
@@ -143,14 +159,28 @@ def rays(flow: Flow, starts: jax.Array, shares: jax.Array) -> jax.Array:
     return jax.vmap(lambda y: jax.vmap(lambda share: flow.inverse(share * y))(shares))(y)
 
 
-def _paths(paths: Sequence[np.ndarray], far: np.ndarray) -> _Paths:
-    x = np.stack([resample_by_arc_length(np.asarray(path, float), _SAMPLES) for path in paths])
+def _paths(paths: Sequence[np.ndarray], far: np.ndarray, timing: Timing | None) -> _Paths:
+    if timing is None:
+        x = np.stack([resample_by_arc_length(np.asarray(path, float), _SAMPLES) for path in paths])
+        left, taper = np.asarray(_left(jnp.asarray(x))), 0.0
+    else:
+        columns = [np.column_stack(pair) for pair in zip(paths, timing.radii, strict=True)]
+        x, left = np.split(np.stack([_even_in_both(both) for both in columns]), [-1], axis=-1)
+        left, taper = left[..., 0], timing.taper
     near = x[:, ::4].reshape(-1, x.shape[-1])
     far = np.asarray(far, float).reshape(-1, x.shape[-1])
     distance = np.array([np.linalg.norm(near - point, axis=1).min() for point in far])
     weights = 1 - np.exp(-(distance**2) / (2 * 0.1**2))
-    found = _Paths(x, np.asarray(_left(jnp.asarray(x))), near, far, weights)
+    found = _Paths(x, left, np.asarray(taper), near, far, weights)
     return jax.tree.map(lambda a: jnp.asarray(a, jnp.float32), found)
+
+
+def _even_in_both(timed: np.ndarray) -> np.ndarray:
+    """Of a path even in time with its radius, [T, m + 1], samples even in the mean of its time and its length."""
+    length = np.append(0.0, np.linalg.norm(np.diff(timed[:, :-1], axis=0), axis=1).cumsum())
+    gone = length / length[-1] + np.linspace(0, 1, len(timed))
+    at = np.linspace(0, 2, _SAMPLES)
+    return np.stack([np.interp(at, gone, column) for column in timed.T], axis=1)
 
 
 def _left(x: jax.Array) -> jax.Array:
@@ -177,9 +207,13 @@ def _draws(rng: np.random.Generator, updates: int, N: int, mixtures: int, data: 
     )
 
 
-def _loss(flow: Flow, data: _Paths, drawn: _Draws, settings: FlowSettings) -> jax.Array:
+def _loss(flow: Flow, data: _Paths, drawn: _Draws, settings: FlowSettings, timed: bool) -> jax.Array:
     mixed = data.x[drawn.first] + drawn.share[:, None, None] * (data.x[drawn.second] - data.x[drawn.first])
-    x, left = jnp.concatenate([data.x, data.x, mixed]), jnp.concatenate([data.left, data.left, _left(mixed)])
+    if timed:
+        mixed_left = data.left[drawn.first] + drawn.share[:, None] * (data.left[drawn.second] - data.left[drawn.first])
+    else:
+        mixed_left = _left(mixed)
+    x, left = jnp.concatenate([data.x, data.x, mixed]), jnp.concatenate([data.left, data.left, mixed_left])
     N, X = len(data.x), len(mixed)
     start = jnp.concatenate([jnp.zeros(N, int), drawn.start, jnp.zeros(X, int)])
     steps = (jnp.arange(_SAMPLES // _EVERY) + drawn.phase[:, None]) / (_SAMPLES // _EVERY)
@@ -190,11 +224,22 @@ def _loss(flow: Flow, data: _Paths, drawn: _Draws, settings: FlowSettings) -> ja
     along = x[rows[:, None], jnp.minimum(at + 1, _SAMPLES - 1)] - x[rows[:, None], jnp.maximum(at - 1, 0)]
     along = along / jnp.sqrt(jnp.sum(along**2, -1, keepdims=True) + 1e-18)
     y = jax.vmap(flow)(begin)
-    ray = (left[rows[:, None], at] / length[:, None])[..., None] * y[:, None]
-    error = (jax.vmap(jax.vmap(flow.inverse))(ray) - wanted) / flow.length
-    error = error - 0.5 * jnp.sum(error * along, -1, keepdims=True) * along  # when it is there matters half
-    fit = jnp.mean(jnp.sqrt(_HUBER**2 + jnp.sum(error**2, -1)) - _HUBER) * _HUBER
-    radius = jnp.mean(((jnp.sqrt(jnp.sum(y**2, -1) + 1e-18) - length) / flow.length) ** 2)
+    if timed:
+        radius = jnp.sqrt(jnp.sum(y**2, -1) + 1e-18)
+        share = _later(left[rows[:, None], at], (radius - length)[:, None], data.taper) / radius[:, None]
+    else:
+        share = left[rows[:, None], at] / length[:, None]
+    error = (jax.vmap(jax.vmap(flow.inverse))(share[..., None] * y[:, None]) - wanted) / flow.length
+    late = jnp.sum(error * along, -1, keepdims=True) * along
+    if timed:  # nobody showed when to be where on mixtures
+        timely = jnp.arange(len(x)) < 2 * N
+        error = error + jnp.where(timely[:, None, None], 1.0, -1.0) * late
+        huber = _HUBER_TIMED
+    else:
+        error = error - 0.5 * late  # when it is there matters half
+        timely, huber = jnp.ones(len(x)), _HUBER
+    fit = jnp.mean(jnp.sqrt(huber**2 + jnp.sum(error**2, -1)) - huber) * huber
+    radius = jnp.mean(timely * ((jnp.sqrt(jnp.sum(y**2, -1) + 1e-18) - length) / flow.length) ** 2)
     probes = data.near[drawn.near] + drawn.shift
     if len(data.far):  # in one derivative with those that are near
         probes = jnp.concatenate([probes, data.far[drawn.far]])
@@ -209,14 +254,23 @@ def _loss(flow: Flow, data: _Paths, drawn: _Draws, settings: FlowSettings) -> ja
     return loss + settings.identity * x.shape[-1] * identity
 
 
-@partial(jax.jit, static_argnames="settings")
-def _updates(carry, draws: _Draws, flow: Flow, data: _Paths, *, settings: FlowSettings):
+def _later(radius: jax.Array, behind: jax.Array, taper: jax.Array) -> jax.Array:
+    """The radius of an attractor at the time when it were `radius`, had it not begun `behind` farther away, beyond the
+    taper: `sinh(r / taper)` falls exponentially."""
+    z = radius / taper
+    log_sinh = z + jnp.log(-jnp.expm1(-2 * jnp.maximum(z, 1e-6))) - jnp.log(2.0) + behind / taper
+    few = jnp.minimum(log_sinh, 10.0)
+    return taper * jnp.where(log_sinh > 10, log_sinh + jnp.log(2.0), jnp.arcsinh(jnp.exp(few)))
+
+
+@partial(jax.jit, static_argnames=("settings", "timed"))
+def _updates(carry, draws: _Draws, flow: Flow, data: _Paths, *, settings: FlowSettings, timed: bool):
     """Some updates, one for each of `draws`; also returns their losses."""
     optimizer = _optimizer(settings)
 
     def update(carry, drawn):
         networks, state = carry
-        loss, slope = jax.value_and_grad(lambda n: _loss(_with(flow, n), data, drawn, settings))(networks)
+        loss, slope = jax.value_and_grad(lambda n: _loss(_with(flow, n), data, drawn, settings, timed))(networks)
         steps, state = optimizer.update(slope, state, networks)
         return (optax.apply_updates(networks, steps), state), loss
 

@@ -184,10 +184,12 @@ def hand_flow(
     end: np.ndarray,
     settings: FlowSettings,
     policy: PolicySettings,
+    **latent: float,
 ) -> HandFlow:
     """A `HandFlow` of a trained `flow`; its leaves on the joints are nowhere yet, which `along_ways` mends.
 
-    **Arguments**: `points`, by `hand_points`; their `targets` [P, 3]; `end` [n], where joints end, rad or m.
+    **Arguments**: `points`, by `hand_points`; their `targets` [P, 3]; `end` [n], where joints end, rad or m;
+    `latent`, what else its attractor has other than by default.
     """
     offsets, turned = points
     gains = {"speed": policy.speed, "damping_rate": policy.damping_rate, "weight": settings.weight}
@@ -196,7 +198,7 @@ def hand_flow(
     nowhere = np.zeros((1, len(end)))
     funnel = Funnel(nowhere, np.zeros(1), settings.funnel, **radii, **joints) if settings.funnel else None
     posture = Funnel(end[None], 0.0, 0.0, settings.posture, **joints, name="posture") if settings.posture else None
-    attractor = CruisingAttractor(np.zeros(flow.back.shape[-1]), **gains, name="learned")
+    attractor = CruisingAttractor(np.zeros(flow.back.shape[-1]), **gains, **latent, name="learned")
     moves = np.zeros((2, len(end), offsets.size))
     return HandFlow(flow, attractor, funnel, posture, offsets, targets, np.zeros((2, *offsets.shape)), moves, turned)
 

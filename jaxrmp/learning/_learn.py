@@ -20,7 +20,7 @@ from ._hand_flow import HandFlow
 from ._learn_flow import FlowLearning, learn_flow, led_along
 from ._learn_paper import PaperLearning, learn_paper
 from ._prepare import PreparedDemonstrations, control_point_frames, control_point_names, demonstrated_end, prepare
-from ._reproduce import Reproduction, reproduce
+from ._reproduce import Reproduction, reproduce, rollout_duration
 from ._skill import Skill, joint_leaves, mean_pose, rigid_targets
 
 Progress = Callable[[str, float], None]
@@ -61,7 +61,8 @@ def learn(
     unless a subtask is a pose. A
     flow passes if it stretches space nowhere on the demonstrations beyond what rollouts can follow, and if all of them,
     reproduced by the whole policy, end at the goal, with an energy that does not rise. Before, a `FileWarning` says
-    which demonstrations disagree, as `families` finds.
+    which demonstrations disagree, as `families` finds. With `policy.tempo = "demonstrated"` only by a flow, and a
+    `FileWarning` says when demonstrations pause, and for how long.
 
     **Arguments**: `configuration`; `robot`, with the demonstrations' joints in the same order; `demonstrations`;
     `progress`, called with the name of a step and the fraction of it that is done.
@@ -85,16 +86,27 @@ def learn(
     agreement = families(prepared.points)
     if not agreement.agree:
         warnings.warn(f"{demonstrations.source}: {agreement}", FileWarning, stacklevel=2)
+    if configuration.policy.tempo == "demonstrated":
+        for k, report in enumerate(prepared.joints.reports):
+            if report.paused:
+                warnings.warn(
+                    f"{demonstrations.source}: demonstration {k} pauses: {report.paused}. A policy that goes by where "
+                    "it is cannot wait there: it goes on.",
+                    FileWarning,
+                    stacklevel=2,
+                )
     lap("preprocessing")
     why = "asked for"
     if configuration.method != "paper":
         try:
             flow = learn_flow(configuration, robot, prepared, progress)
             lap("flow")
-            check_stretch(flow.fit)
+            check_stretch(flow.fit, configuration.policy.tempo == "demonstrated")
             skill = _skill(configuration, robot, demonstrations, prepared, None, flow.motion)
-            longest = max(np.linalg.norm(np.diff(path, axis=0), axis=1).sum() for path in flow.paths)
-            duration = max(20.0, 3 * longest / configuration.policy.speed)
+            duration = rollout_duration(configuration.policy, prepared)
+            if configuration.policy.tempo == "constant":
+                longest = max(np.linalg.norm(np.diff(path, axis=0), axis=1).sum() for path in flow.paths)
+                duration = max(20.0, 3 * longest / configuration.policy.speed)
             progress("reproducing", 0.0)
             skill = _led_along_its_own_ways(skill, robot, prepared, duration)
             progress("reproducing", 0.5)
@@ -106,6 +118,11 @@ def learn(
         except JaxrmpError as error:
             if configuration.method == "flow" or configuration.of_pose:
                 raise
+            if configuration.policy.tempo != "constant":
+                raise TrainingError(
+                    f"no flow passes: {error} The paper's method, which knows one speed only, cannot take over with "
+                    f"policy.tempo {configuration.policy.tempo!r}. Set that to 'constant', or mend what is said."
+                ) from error
             why = f"no flow passes: {error}"
             lap("flow")
         # What a flow may do and this method may not, it refuses here: control points that cross their own way.

@@ -1,6 +1,7 @@
 """From demonstrations to a flow of the whole hand."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import jax
@@ -11,13 +12,15 @@ from .._errors import TrainingError
 from ..kinematics import Robot
 from ._arc_length import resample_by_arc_length
 from ._configuration import Configuration
-from ._flow_training import FlowFit, train_flow
+from ._flow_training import FlowFit, Timing, train_flow
 from ._hand_flow import HandFlow, HandPose, along_ways, axes_of, hand_flow, hand_points
 from ._prepare import PreparedDemonstrations, control_point_frames, control_points, in_frame
 from ._skill import mean_pose, rigid_targets
+from ._tempo import demonstrated_tempo, radii
 
 _FAR = 1500  # postures drawn from the joint range, where the flow is to leave space as it is
 _MOST_TURNED = 130  # degrees from the end, of a hand
+_IN_TIME = 1001  # points of a demonstration, even in time, that has a tempo
 _TUBE = 25  # postures of the funnel along each way
 
 
@@ -47,24 +50,32 @@ def learn_flow(
     points = offsets, turned = hand_points(frames, own, settings.circumradius)
     frames = frames[:1] * len(offsets) if turned else frames
     T = mean_pose(prepared.poses)
+    as_fast = configuration.policy.tempo == "demonstrated"
+    times, ways = prepared.joints.in_time(_IN_TIME) if as_fast else (None, prepared.joints.q)
     places = [
-        in_frame(control_points(robot, frames, offsets, q), pose)
-        for q, pose in zip(prepared.joints.q, prepared.poses, strict=True)
+        in_frame(control_points(robot, frames, offsets, q), pose) for q, pose in zip(ways, prepared.poses, strict=True)
     ]
     paths = tuple(_hand(place, place[-1], turned) for place in places)
     if turned:
         check_turns(places, settings.circumradius)
     targets = rigid_targets(offsets, frames, np.stack([place[-1] for place in places]))
     far = _hand(in_frame(control_points(robot, frames, offsets, _anywhere(robot)), T), targets, turned)
+    policy, timing = configuration.policy, None
+    taper = {}
+    if times is not None:
+        tempo = demonstrated_tempo(paths, times, policy.damping_rate)
+        policy, taper = replace(policy, speed=tempo.speed), {"taper": tempo.taper}
+        timing = Timing([radii(time, tempo, policy.damping_rate) for time in times], tempo.taper)
     fit = train_flow(
         paths,
         far,
         settings,
         configuration.seed,
         lambda done, loss: progress("flow", done / settings.updates),
+        timing,
     )
     end = np.mean([q[-1] for q in prepared.joints.q], axis=0)
-    motion = hand_flow(fit.flow, points, targets, end, settings, configuration.policy)
+    motion = hand_flow(fit.flow, points, targets, end, settings, policy, **taper)
     motion = led_along(motion, configuration, robot, prepared.joints.q, prepared.poses)
     return FlowLearning(motion, fit, paths)
 

@@ -1,6 +1,7 @@
 """How far a reproduction is from its demonstration: dynamic time warping, Frechet, and the distance at the end."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -141,6 +142,33 @@ def _axes(triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     z = np.cross(x, other)
     z = z / np.linalg.norm(z, axis=1, keepdims=True)
     return x, np.cross(z, x), z
+
+
+def time_aligned_error(
+    demo_times: np.ndarray, demo_points: np.ndarray, rollout_times: np.ndarray, rollout_points: np.ndarray
+) -> float:
+    """How far a rollout is from its demonstration at the same time, in centimetres: the root of the mean square over
+    the demonstration's time, averaged over the control points.
+
+    **Arguments**: `demo_times` [T], even, and `rollout_times` [S], s since the start; `demo_points` [T, K, 3] and
+    `rollout_points` [S, K, 3], m, in one frame. A rollout that ends earlier stays where it ends.
+    **Raises** `ShapeError` if the shapes do not fit together.
+    """
+    demo, rollout = np.asarray(demo_points, float), np.asarray(rollout_points, float)
+    if demo.shape != (len(demo_times), *rollout.shape[1:]) or len(rollout) != len(rollout_times) or demo.ndim != 3:
+        raise ShapeError(
+            f"demo_points has shape {demo.shape} at {len(demo_times)} times, rollout_points {rollout.shape} at "
+            f"{len(rollout_times)}: expected [T, K, 3] and [S, K, 3]."
+        )
+    columns = rollout.reshape(len(rollout), -1).T
+    then = np.stack([np.interp(demo_times, rollout_times, column) for column in columns], axis=1).reshape(demo.shape)
+    return 100 * float(np.sqrt(((demo - then) ** 2).sum(-1).mean(0)).mean())
+
+
+def mean_errors(errors: Sequence[Mapping[str, float | None]]) -> dict[str, Any]:
+    """The mean of each of the `errors` by name, None where one was not measured."""
+    columns = {name: [e[name] for e in errors] for name in errors[0]}
+    return {name: None if None in column else float(np.mean(column)) for name, column in columns.items()}  # type: ignore[arg-type]
 
 
 def _distances_by_diagonal(a: np.ndarray, b: np.ndarray) -> Iterator[tuple[slice, np.ndarray]]:

@@ -59,7 +59,8 @@ class PreprocessingReport(NamedTuple):
 
     `samples_read`; `repeats_merged`, samples; `gaps`, how many, and `largest_gap`; `duration`; `trimmed_start` and
     `trimmed_end`; `pauses_dropped`, how many, and `pause_seconds_dropped`; `static_speed`, below which the arm pauses;
-    `median_speed` while it moves; `path_length`, rad (or m).
+    `median_speed` while it moves; `path_length`, rad (or m); `pauses`, of those dropped in between, when each began in
+    the recording and how long it was.
     """
 
     samples_read: int
@@ -74,13 +75,27 @@ class PreprocessingReport(NamedTuple):
     static_speed: float
     median_speed: float
     path_length: float
+    pauses: tuple[tuple[float, float], ...] = ()
+
+    @property
+    def paused(self) -> str:
+        """When it paused and for how long, in words, empty if it did not."""
+        return ", ".join(f"{seconds:.1f} s from {at:.1f} s on" for at, seconds in self.pauses)
 
 
 class Preprocessed(NamedTuple):
-    """Trajectories `q`, N arrays [samples, n] in rad or m, and one of `reports` for each."""
+    """Trajectories `q`, N arrays [samples, n] in rad or m, and one of `reports` for each; `timed`, N arrays [S, n], the
+    same before they were resampled, and `times`, N arrays [S], s since they began to move, pauses left out."""
 
     q: tuple[np.ndarray, ...]
     reports: tuple[PreprocessingReport, ...]
+    timed: tuple[np.ndarray, ...]
+    times: tuple[np.ndarray, ...]
+
+    def in_time(self, samples: int) -> tuple[np.ndarray, np.ndarray]:
+        """`samples` times even from start to end of each trajectory, s, and joints then: [N, samples] and with n."""
+        at = np.stack([np.linspace(0, time[-1], samples) for time in self.times])
+        return at, np.stack([cubic_spline(*way) for way in zip(self.times, self.timed, at, strict=True)])
 
 
 def preprocess(demonstrations: DemonstrationSet, settings: PreprocessingSettings | None = None) -> Preprocessed:
@@ -146,7 +161,7 @@ def pauses(still: np.ndarray, least: int) -> list[tuple[int, int]]:
 
 def _preprocess_one(
     demonstration: Demonstration, settings: PreprocessingSettings, where: str
-) -> tuple[np.ndarray, PreprocessingReport]:
+) -> tuple[np.ndarray, PreprocessingReport, np.ndarray, np.ndarray]:
     window, order, rate = settings.window_samples, settings.filter_order, settings.rate
     time, q = merge_repeats(demonstration.time, demonstration.q, settings.repeat)
     steps = np.diff(time)
@@ -166,7 +181,8 @@ def _preprocess_one(
     stretches = pauses(still, max(round(settings.static_duration * rate), 1))
     moving, start, end, inner = _drop_pauses(grid, stretches, window)
     _check_length((len(moving) - 1) / rate, rate, window, where, "without its pauses lasts")
-    trajectory = smooth(moving, window, order)
+    timed = trajectory = smooth(moving, window, order)
+    step = (time[-1] - time[0]) / (len(grid) - 1)
     if settings.resample == "arc":
         trajectory = resample_by_arc_length(trajectory, settings.samples, "cubic")
     else:
@@ -185,8 +201,9 @@ def _preprocess_one(
         static_speed=settings.static_speed * median,
         median_speed=median,
         path_length=float(np.linalg.norm(np.diff(trajectory, axis=0), axis=1).sum()),
+        pauses=tuple((float(time[0] - demonstration.time[0] + a * step), (b - a) * step) for a, b in inner),
     )
-    return trajectory, report
+    return trajectory, report, timed, step * np.arange(len(timed))
 
 
 def _drop_pauses(

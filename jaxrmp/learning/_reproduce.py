@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -12,9 +12,12 @@ from .._errors import RolloutError
 from .._tree import Node
 from ..kinematics import Robot
 from ..simulation import Rollout, rollout
-from ._measures import reproduction_errors, turn_errors
+from ._configuration import PolicySettings
+from ._measures import mean_errors, reproduction_errors, time_aligned_error, turn_errors
 from ._prepare import PreparedDemonstrations, control_points, in_frame
 from ._skill import Skill
+
+_IN_TIME = 501  # points of a demonstration that are compared at their times
 
 
 class Reproduction(NamedTuple):
@@ -22,19 +25,20 @@ class Reproduction(NamedTuple):
 
     `rollouts`, a `Rollout` with a leading axis of N; `points` [N, T, K, 3], the control points in the object's frame,
     m; `errors`, for each demonstration a dict of `dtw_cm`, `frechet_cm`, `goal_cm` (see `reproduction_errors`),
-    `position_percent`, `turn_deg`, `goal_turn_deg` (see `turn_errors`; NaN unless how the hand is turned was learned),
+    `position_percent`, `turn_deg`, `goal_turn_deg` (see `turn_errors`; None unless how the hand is turned was learned),
     `energy_increase`, the largest rise of V in one step relative to V's range, and `limit_margin_rad`, the smallest
-    distance of any joint to its limits (negative if one was crossed).
+    distance of any joint to its limits (negative if one was crossed), and `time_aligned_cm`, see
+    `time_aligned_error`, of a skill of demonstrated tempo, pauses left out, else None.
     """
 
     rollouts: Rollout
     points: np.ndarray
-    errors: tuple[dict[str, float], ...]
+    errors: tuple[dict[str, Any], ...]
 
     @property
-    def mean(self) -> dict[str, float]:
-        """The mean of each error over the demonstrations."""
-        return {name: float(np.mean([e[name] for e in self.errors])) for name in self.errors[0]}
+    def mean(self) -> dict[str, Any]:
+        """The mean of each error over the demonstrations, None where it was not measured."""
+        return mean_errors(self.errors)
 
 
 def reproduce(
@@ -64,10 +68,16 @@ def reproduce(
             f"(damping_rate * dt is {skill.damping_rate * dt:.2g}; above 1 Euler steps diverge)."
         )
     offsets = np.asarray(skill.offsets, float)
+    as_fast = skill.configuration.policy.tempo == "demonstrated"
+    times, ways = prepared.joints.in_time(_IN_TIME) if as_fast else (None, None)
     points, errors = [], []
     for i, (demonstrated, T) in enumerate(zip(prepared.points, prepared.poses, strict=True)):
         path = in_frame(control_points(robot, skill.frames, offsets, rollouts.q[i]), T)
         points.append(path)
+        late = None
+        if times is not None and ways is not None:
+            then = in_frame(control_points(robot, skill.frames, offsets, ways[i]), T)
+            late = time_aligned_error(times[i], then, rollouts.time[i], path)
         margin = np.minimum(rollouts.q[i] - np.asarray(robot.lower), np.asarray(robot.upper) - rollouts.q[i]).min()
         errors.append(
             {
@@ -75,19 +85,29 @@ def reproduce(
                 **_turn_errors(skill, robot, prepared.joints.q[i], rollouts.q[i]),
                 "energy_increase": energy_increase(rollouts.energy[i]),
                 "limit_margin_rad": float(margin),
+                "time_aligned_cm": late,
             }
         )
     return Reproduction(rollouts, np.stack(points), tuple(errors))
 
 
-def _turn_errors(skill: Skill, robot: Robot, demonstrated: np.ndarray, rolled: np.ndarray) -> dict[str, float]:
-    """What `turn_errors` measures of joints [T, n] and [S, n], NaN where the skill knows nothing of turns."""
+def _turn_errors(skill: Skill, robot: Robot, demonstrated: np.ndarray, rolled: np.ndarray) -> dict[str, float | None]:
+    """What `turn_errors` measures of joints [T, n] and [S, n], None where the skill knows nothing of turns."""
     if not skill.turned:
-        return dict.fromkeys(("position_percent", "turn_deg", "goal_turn_deg"), float("nan"))
+        return dict.fromkeys(("position_percent", "turn_deg", "goal_turn_deg"))
     assert skill.flow is not None  # of skills that turn
     corners = np.asarray(skill.flow.offsets, float)
     hands = (control_points(robot, skill.frames[:1] * 3, corners, q) for q in (demonstrated, rolled))
-    return turn_errors(*hands)
+    return {**turn_errors(*hands)}
+
+
+def rollout_duration(policy: PolicySettings, prepared: PreparedDemonstrations) -> float:
+    """How long rollouts from where `prepared` demonstrations begin take to arrive, s, with much to spare."""
+    if policy.tempo == "demonstrated":
+        longest = max(time[-1] for time in prepared.joints.times)
+    else:
+        longest = max(np.linalg.norm(np.diff(x, axis=0), axis=-1).sum(0).max() for x in prepared.points) / policy.speed
+    return float(max(20.0, 3 * longest))
 
 
 def energy_increase(energy: np.ndarray) -> float:

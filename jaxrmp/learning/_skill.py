@@ -125,7 +125,10 @@ class Skill:
         return self.leaf(robot, T_world_object, targets) + self.on_joints(robot, T_world_object, targets=targets)
 
     def with_gains(self, speed: float, damping_rate: float) -> "Skill":
-        """The same skill at another cruise `speed`, m/s, and `damping_rate`, 1/s: geometry stays, tempo changes."""
+        """The same skill at another cruise `speed`, m/s, and `damping_rate`, 1/s: geometry stays, tempo changes.
+
+        A skill of demonstrated tempo has the speed `flow.attractor.speed`; with twice that it takes half the time.
+        """
         for name, value in (("speed", speed), ("damping_rate", damping_rate)):
             if not 0 < value < float("inf"):
                 raise ConfigurationError(f"{name} is {value!r}, expected a positive number.")

@@ -12,12 +12,13 @@ from ..kinematics import Robot
 from ._configuration import Configuration
 from ._demonstrations import DemonstrationSet
 from ._learn import learn
+from ._measures import mean_errors
 from ._prepare import PreparedDemonstrations, in_frame, prepare
 from ._preprocessing import Preprocessed
-from ._reproduce import reproduce
+from ._reproduce import reproduce, rollout_duration
 from ._subtask_trajectories import SubtaskTrajectories
 
-Errors = dict[str, float]
+Errors = dict[str, Any]
 
 
 class Fold(NamedTuple):
@@ -92,8 +93,7 @@ def validate(
     progress = progress or (lambda step, fraction: None)
     sets = leave_one_out(demonstrations)
     prepared = prepare(configuration, robot, demonstrations)
-    longest = max(np.linalg.norm(np.diff(path, axis=0), axis=-1).sum(0).max() for path in prepared.points)
-    duration = float(max(20.0, 3 * longest / configuration.policy.speed))
+    duration = rollout_duration(configuration.policy, prepared)
     folds = []
     for k, others in enumerate(sets):
         name = f"fold {k + 1} of {len(sets)}"
@@ -122,7 +122,7 @@ def _alone(prepared: PreparedDemonstrations, k: int, T: np.ndarray) -> PreparedD
     ways = (of[:, row] for of in (subtasks.positions, subtasks.directions, subtasks.velocities))
     ends = seen(subtasks.ends[row])
     return prepared._replace(
-        joints=Preprocessed(prepared.joints.q[row], prepared.joints.reports[row]),
+        joints=Preprocessed(*(part[row] for part in prepared.joints)),
         poses=T[None],
         points=(seen(prepared.points[k]),),
         subtasks=SubtaskTrajectories(*ways, targets=ends[0], ends=ends),
@@ -130,4 +130,4 @@ def _alone(prepared: PreparedDemonstrations, k: int, T: np.ndarray) -> PreparedD
 
 
 def _mean(errors: Sequence[Errors]) -> Errors | None:
-    return {name: float(np.mean([e[name] for e in errors])) for name in errors[0]} if errors else None
+    return mean_errors(errors) if errors else None

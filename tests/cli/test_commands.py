@@ -113,7 +113,7 @@ def test_reproduce_prints_and_writes_the_same_errors(learned, demos, tmp_path, c
     assert main([*command, "--figures", str(tmp_path / "figures")]) == 0
     result = json.loads(errors.read_text())
     turns = {"position_percent", "turn_deg", "goal_turn_deg"}
-    keys = {"demo", "dtw_cm", "frechet_cm", "goal_cm", "energy_increase", "limit_margin_rad"} | turns
+    keys = {"demo", "dtw_cm", "frechet_cm", "goal_cm", "energy_increase", "limit_margin_rad", "time_aligned_cm"} | turns
     assert all(result["mean"][name] is None for name in turns)  # points tell the paper's method of none
     assert [set(e) for e in result["per_demo"]] == [keys | {"rests_away_from"}] * 6
     assert [e["rests_away_from"] for e in result["per_demo"]] == [[]] * 6

@@ -87,14 +87,14 @@ def test_the_report_says_what_was_found():
 
 
 def test_arc_resampling_is_even():
-    (q, _), _ = preprocess(demonstrations(plain(), plain()))
+    q = preprocess(demonstrations(plain(), plain())).q[0]
     steps = np.linalg.norm(np.diff(q, axis=0), axis=1)
     assert np.ptp(steps) < 0.01 * steps.mean()
 
 
 def test_a_pause_at_an_end_leaves_the_resting_configuration():
     time, q = with_trouble()
-    (_, processed), _ = preprocess(demonstrations(plain(), (time, q)))
+    processed = preprocess(demonstrations(plain(), (time, q))).q[1]
     np.testing.assert_allclose(processed[-1], q[-11:].mean(axis=0), atol=1e-4)
 
 

@@ -133,7 +133,7 @@ def test_files_that_are_no_whole_skill_of_this_version_are_refused(skill, tmp_pa
         if damage == "version":
             header["version"] = 99
             expected = (
-                "version 99; this jaxrmp reads versions 1 to 6. It was written by jaxrmp .* a newer one, or learn"
+                "version 99; this jaxrmp reads versions 1 to 7. It was written by jaxrmp .* a newer one, or learn"
             )
         elif damage == "extra":
             header["mystery"] = 1
@@ -230,10 +230,10 @@ def test_an_earlier_skill_that_does_not_say_how_the_hand_is_turned_is_refused(sk
         load_skill(rewritten(path, as_version_2))
 
 
-@pytest.mark.parametrize("version", [0, 7, "6", None, True])
+@pytest.mark.parametrize("version", [0, 8, "7", None, True])
 def test_versions_that_are_none_are_refused(skill, tmp_path, version):
     path = save_skill(skill, tmp_path / "odd.skill.npz")
-    with pytest.raises(SkillFileError, match=f"version {version!r}; this jaxrmp reads versions 1 to 6"):
+    with pytest.raises(SkillFileError, match=f"version {version!r}; this jaxrmp reads versions 1 to 7"):
         load_skill(rewritten(path, lambda header, arrays: header.update(version=version)))
 
 

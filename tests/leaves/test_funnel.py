@@ -47,10 +47,10 @@ def test_the_well_of_cruising_is_the_integral_of_its_pull(x64):
 
 def test_a_funnel_is_nothing_inside_and_certified_everywhere(x64, assert_certified, assert_smooth):
     left = np.linspace(1.1, 0, len(PATH))
-    leaf = Funnel(jnp.asarray(PATH), jnp.asarray(left), weight=2.0, inner=0.3, outer=0.9)
+    leaf = Funnel(jnp.asarray(PATH), jnp.asarray(left), weight=2.0, inner=0.3, onset=0.3, outer=0.9)
     x, xd = states(1.2)
     faint = replace(leaf, within=0.1)
-    for funnel in (leaf, faint, replace(leaf, left=0.0)):
+    for funnel in (leaf, faint, replace(leaf, left=0.0), replace(leaf, onset=0.0), replace(leaf, onset=0.5)):
         assert_certified(funnel + Damping(1e-3), jnp.asarray(x), jnp.asarray(xd))
     assert_smooth(faint, jnp.asarray(x[:5]), jnp.asarray(xd[:5]))
     assert_smooth(leaf, jnp.asarray(x[:5]), jnp.asarray(xd[:5]))
@@ -83,10 +83,25 @@ def test_a_funnel_that_leads_goes_along_its_way_as_well():
     assert abs(along[0]) < 0.05 and 0.5 < along[1] < 2 and along[2] > along[1]
 
 
+def test_one_that_leads_before_it_walls_in_leads_on_what_its_wall_holds():
+    """Where it pulls back with a given force, it pulls on the more the earlier it begins to: else tasks rest there."""
+    way, left = np.linspace([0.0, 0.0], [2.0, 0.0], 40), np.linspace(1.4, 0.0, 40)
+    aside = jnp.stack([jnp.full(400, 0.7), jnp.linspace(0.3, 2.5, 400)], axis=1)
+
+    def along_where_back_is(strength, onset):
+        leaf = Funnel(way, left, weight=10.0, inner=1.2, onset=onset, outer=2.2)
+        f = np.asarray(jax.vmap(lambda x: leaf(x, jnp.zeros(2)).f)(aside))
+        return f[np.argmax(-f[:, 1] > strength), 0]
+
+    for strength in (20.0, 100.0):
+        late, early = (along_where_back_is(strength, onset) for onset in (1.2, 0.5))
+        assert early > 1.5 * late > 0
+
+
 def test_the_energy_falls_in_steps_of_a_millisecond_down_the_wall_of_a_wide_funnel():
     """Inertia goes with the wall: where that is narrow, what falls down keeps its energy and is too fast for a step."""
     way, left = np.linspace([0.0, 0.0], [2.0, 0.0], 40), np.linspace(1.0, 0.0, 40)
-    tree = Funnel(way, left, weight=18.0, inner=0.8, outer=2.0) + Damping(0.3, 5.0)
+    tree = Funnel(way, left, weight=18.0, inner=0.8, onset=0.8, outer=2.0) + Damping(0.3, 5.0)
     start = jnp.asarray(np.random.default_rng(1).uniform([-2.0, -2.0], [3.0, 2.0], (30, 2)), jnp.float32)
     paths = jax.jit(jax.vmap(lambda q: rollout(tree, q, duration=4.0, dt=0.001)))(start)
     energy = np.asarray(paths.energy, float)
@@ -100,3 +115,5 @@ def test_a_funnel_says_what_it_must_be():
         Funnel(PATH, inner=0.0)
     with pytest.raises(ConfigurationError, match="expected inner < outer"):
         Funnel(PATH, inner=1.0, outer=0.8)
+    with pytest.raises(ConfigurationError, match="expected onset < outer"):
+        Funnel(PATH, onset=1.0, outer=0.8)

@@ -107,3 +107,16 @@ def test_learning_is_independent_of_the_frame_that_tracks_the_door(recordings, t
     np.testing.assert_allclose(prepared.poses[:, :3, :3], np.broadcast_to(np.eye(3), (6, 3, 3)))
     mean_end = np.mean([points[-1, 0] for points in prepared.points], axis=0)
     np.testing.assert_allclose(mean_end, 0, atol=1e-9)
+
+
+@pytest.mark.parametrize("task", ["drawer_closing", "door_reaching", "cup_round"])
+def test_a_demonstrated_tempo_is_kept_within_one_and_a_half_of_the_paths_error(task, recordings, tmp_path):
+    configuration = CONFIGS / f"{'door_reaching' if task == 'door_reaching' else 'drawer_closing'}.toml"
+    command = [str(configuration), "--demos", str(recordings / task), "--out", str(tmp_path), "-q", "--name", task]
+    program = [sys.executable, "-c", "import sys; from jaxrmp.cli import main; sys.exit(main())", "learn", *command]
+    environment = {name: value for name, value in os.environ.items() if name != "XLA_FLAGS"}
+    subprocess.run([*program, "--policy.tempo", "demonstrated"], env=environment, check=True)
+    mean = json.loads((tmp_path / "learning_report.json").read_text())["reproduction"]["mean"]
+    assert mean["time_aligned_cm"] <= 1.5 * mean["dtw_cm"]
+    assert mean["dtw_cm"] <= {"drawer_closing": 0.5, "door_reaching": 0.5, "cup_round": 0.75}[task]
+    assert mean["goal_cm"] <= 0.2
