@@ -56,11 +56,13 @@ class Passed(NamedTuple):
 
 
 class Problem(NamedTuple):
-    """A skill with its whole-arm policy, and each demonstration's start [N, n] and object [N, 4, 4]."""
+    """A skill with its whole-arm policy and the spheres that keep off, and each demonstration's start [N, n] and object
+    [N, 4, 4]."""
 
     skill: Skill
     robot: Robot
     policy: ArmPolicy
+    spheres: RobotSpheres
     prepared: PreparedDemonstrations
     starts: np.ndarray
     poses: np.ndarray
@@ -73,8 +75,9 @@ def problem(task: str, configuration: str) -> Problem:
     learning = learn(settings, robot, find_demonstrations(default_demonstrations(task)))
     policy = policies.whole_arm_policy(learning.skill, robot)
     starts = np.stack([q[0] for q in learning.prepared.joints.q]).astype(np.float32)
-    poses = np.stack(learning.prepared.poses).astype(np.float32)
-    return Problem(learning.skill, robot, policy, learning.prepared, starts, poses)
+    poses = np.stack([np.asarray(T) for T in learning.prepared.poses]).astype(np.float32)
+    assert policy.spheres is not None  # of a robot with geometry
+    return Problem(learning.skill, robot, policy, policy.spheres, learning.prepared, starts, poses)
 
 
 def path_of(case: Problem, i: int) -> np.ndarray:
@@ -93,7 +96,7 @@ def place(rng: np.random.Generator, path: np.ndarray, radius: float) -> np.ndarr
 
 def gap(case: Problem, q: np.ndarray, center: np.ndarray, radius: float) -> float:
     """The least distance of the arm at `q` [n] to a ball, m."""
-    moving = case.policy.spheres
+    moving = case.spheres
     points = np.asarray(moving.points(case.robot)(jnp.asarray(q, jnp.float32)))
     return float((np.linalg.norm(points - center, axis=1) - moving.radii).min() - radius)
 
@@ -113,20 +116,23 @@ def balls_of(case: Problem, ends: np.ndarray, radius: float) -> tuple[np.ndarray
 
 
 @partial(jax.jit, static_argnames=("pairs",))
-def passed(policy: ArmPolicy, aside, starts, poses, worlds, spheres: RobotSpheres, pairs) -> Passed:
+def passed(
+    policy: ArmPolicy, aside, starts, poses, worlds, cover: RobotSpheres, spheres: RobotSpheres, pairs
+) -> Passed:
     """What becomes of rollouts from `starts` [B, n] with the object at `poses` [B, 4, 4] among `worlds` [B].
 
-    `aside` [B], or None; `spheres` and their `pairs`: what of the arm must not meet itself.
+    `aside` [B], or None; `cover`, spheres that balls may not come into; `spheres` and their `pairs`, what of the arm
+    must not meet itself.
     """
 
     def one(aside, q, T, world):
         path = rollout(policy.leaning(aside).tree(T, world), q, duration=DURATION, dt=DT, substeps=SUBSTEPS)
-        outer = ObstacleDistances(policy.spheres.points(policy.robot), world, policy.spheres.radii)
+        outer = ObstacleDistances(cover.points(policy.robot), world, cover.radii)
         own = SelfDistances(spheres.points(policy.robot), pairs, spheres.radii)
         least = [jax.lax.map(lambda q, of=of: of(q).min(), path.q).min() for of in (outer, own)]
         span = path.energy.max() - path.energy.min()
         rise = jnp.maximum(jnp.diff(path.energy).max(), 0) / span
-        return Passed(*least, path.q[-1], rise, jnp.isfinite(path.q).all())
+        return Passed(least[0], least[1], path.q[-1], rise, jnp.isfinite(path.q).all())
 
     return jax.vmap(one)(aside, starts, poses, worlds)
 
@@ -148,7 +154,7 @@ def rows_of(name: str, case: Problem) -> Iterator[dict[str, Any]]:
     """What becomes of the balls of one task, of each size: by the policy as it is, and with a way round."""
     robot, policy, N = case.robot, case.policy, len(case.starts)
     spheres = own_spheres(robot)
-    look = partial(passed, policy, spheres=spheres, pairs=own_self_pairs(robot, spheres))
+    look = partial(passed, policy, cover=case.spheres, spheres=spheres, pairs=own_self_pairs(robot, spheres))
     free = look(None, case.starts, case.poses, worlds_of(np.zeros((N, 3)), 0.0, False))
     without = int((distance_left(case, np.asarray(free.end), case.poses) < NEAR).sum())
     for radius in RADII:

@@ -125,8 +125,9 @@ def _ahead(policy, aside, q, T, world, steps, dt):
     """Distance left at the end, in the mean, and the least clearance, of a rollout from rest at `q`."""
     tree = policy.leaning(aside).tree(T, world)
     robot, spheres = policy.robot, policy.spheres
-    seen = spheres is not None and spheres.size and world.size
-    distances = ObstacleDistances(spheres.points(robot), world, spheres.radii) if seen else None
+    distances = None
+    if spheres is not None and spheres.size and world.size:
+        distances = ObstacleDistances(spheres.points(robot), world, spheres.radii)
 
     def step(_, state):
         q, qd = state
