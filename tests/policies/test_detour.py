@@ -102,7 +102,9 @@ def test_the_policy_with_a_way_round_stays_certified(case, found):
     tree = policy.leaning(aside).tree(jnp.eye(4), world)
     assert uncertified_leaves(tree) == () and "detour" in [leaf.name for leaf in tree.leaves()]
     with jax.enable_x64(True):
-        wide = jax.tree.map(lambda a: jnp.asarray(a, float) if jnp.issubdtype(a.dtype, jnp.floating) else a, tree)
+        wide = jax.tree.map(
+            lambda a: jnp.asarray(a, float) if jnp.issubdtype(jnp.result_type(a), jnp.floating) else a, tree
+        )
         q = np.asarray(START, float) + 0.2 * np.random.default_rng(0).normal(size=(50, 7))
         law = jax.jit(jax.vmap(lambda q: certificate(wide, q, 0.3 * jnp.ones(7))))(q)
         assert np.max(law.residual) < 1e-8 and (np.asarray(law.dissipation) > 0).all()
