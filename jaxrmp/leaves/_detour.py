@@ -31,8 +31,8 @@ class Detour(GeometricDynamicalSystem):
 
     >>> leaf = Detour(strength=10.0)
     >>> x = jnp.array([0.5, 0.0, 0.0, 0.05])  # half a metre to go, and an obstacle 5 cm away
-    >>> bool(leaf(x, jnp.zeros(4)).f[3] > 0), leaf(x.at[0].set(0), jnp.zeros(4)).f.tolist()
-    (True, [0.0, 0.0, 0.0, 0.0])
+    >>> bool(leaf(x, jnp.zeros(4)).f[3] > 0), bool(leaf(x.at[0].set(0), jnp.zeros(4)).f.any())
+    (True, False)
 
     Ours; docs/policies.md measures what it does.
     """
