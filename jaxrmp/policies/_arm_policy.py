@@ -67,11 +67,11 @@ class ArmPolicy:
         return sum((detour(self.robot, task, T, world, self.aside) for task, T in targets), whole)
 
     def leaning(self, aside: Aside | None) -> "ArmPolicy":
-        """The same policy with its hands led round obstacles, or None: kept off alone."""
+        """The same policy with its hands led round obstacles by `aside`; None: kept off alone."""
         return replace(self, aside=aside)
 
     def with_targets(self, T_world_target: jax.Array) -> list[tuple[Any, jax.Array]]:
-        """Each task and its target [4, 4]; **raises** as `tree`."""
+        """Each task and its target [4, 4], of `T_world_target` as in `tree`; **raises** as that."""
         return list(zip(self.tasks, self._targets(T_world_target), strict=True))
 
     def _targets(self, T_world_target: jax.Array) -> list[jax.Array]:

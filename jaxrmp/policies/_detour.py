@@ -71,6 +71,7 @@ class _Ahead(TaskMap):
 def detour(robot: Robot, task: Any, T_world_target: jax.Array, world: World, aside: Aside) -> Node:
     """Leads the hand of a `task` round the obstacles of a `world`, on the way to its target at `T_world_target` [4, 4].
 
+    **Arguments**: `robot`; `aside`, on which side, how strong and from how far on.
     `NOTHING` without obstacles, or for a task that has no method `hand(T_world_target)`, which says by the name of a
     frame, a point in it [3], m, and that point's goal [3], m, in the world, what is to go where; or says None.
     """
@@ -102,9 +103,9 @@ def find_detour(
     none, the one that ends nearest. It is one potential more, that stays as it is: the policy stays certified, and
     reacts as before. For `replace(policy, aside=found.aside)`; works within `jax.jit` and `jax.vmap`, compile it.
 
-    **Arguments**: `policy`, whose own `aside` does not count; targets and `world` as `ArmPolicy.tree`; `share`, the
-    steepest slope of the detour as a share of the tasks' pull, their energy at q over how far hands have to go; `reach`
-    and `lean`, m; `duration` and `dt`, s, of the rollouts.
+    **Arguments**: `policy`, whose own `aside` does not count; `T_world_target` and `world` as in `ArmPolicy.tree`;
+    `share`, the steepest slope of the detour as a share of the tasks' pull, their energy at q over how far hands have
+    to go; `reach` and `lean`, m; `duration` and `dt`, s, of the rollouts.
     **Returns** a `FoundDetour`.
     """
     q = jnp.asarray(q, jnp.result_type(q, jnp.float32))
