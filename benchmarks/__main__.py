@@ -19,6 +19,7 @@ LONG = (
     "starts",
     "scenes",
     "robots",
+    "balls",
     "view",
     "physics",
     "evaluation",

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._errors import ConfigurationError, RobotError, ShapeError
+from .._linalg import matmul
 from .._pytree import pytree, single, static
 from .._rotations import nearest_rotation, pose
 from .._task_map import RigidTransform, TaskMap, Translation, check_rigid, compose
@@ -87,6 +88,12 @@ class Skill:
         points = ControlPoints(robot, self.frames, self.offsets)
         pose = self.T_world_object if T_world_object is None else T_world_object
         return compose(points, RigidTransform(pose), Translation(self.targets if targets is None else targets))
+
+    def hand(self, T_world_object: jax.Array) -> tuple[str, jax.Array, jax.Array]:
+        """What goes where with the object at `T_world_object` [4, 4]: the first control point's frame, its place in it
+        [3], m, and its target [3] in the world, m."""
+        T = jnp.asarray(T_world_object)
+        return self.frames[0], self.offsets[0], matmul(T[:3, :3], jnp.asarray(self.targets[0], T.dtype)) + T[:3, 3]
 
     def leaf(self, robot: Robot, T_world_object: jax.Array | None = None, targets: jax.Array | None = None) -> Node:
         """The learned leaves as a node on joint space, to be added to any tree; arguments as in `task_map`."""

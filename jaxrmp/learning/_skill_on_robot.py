@@ -44,6 +44,10 @@ class SkillOnRobot:
         """How the first of `frames` is turned where the demonstrations end, in the object's frame, [3, 3]."""
         return self.skill.R_object_hand
 
+    def hand(self, T_world_object: jax.Array) -> tuple[str, jax.Array, jax.Array]:
+        """As `Skill.hand`, with the object at `T_world_object` [4, 4]."""
+        return self.skill.hand(T_world_object)
+
     def tree(self, robot: Robot, T_world_object: jax.Array | None = None, targets: jax.Array | None = None) -> Node:
         """As `Skill.tree`, on the joints of the larger `robot`.
 

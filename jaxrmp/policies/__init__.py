@@ -7,6 +7,10 @@ lacks what the piece is about, it is `NOTHING`, which adds nothing.
 from ._arm_policy import ArmPolicy as ArmPolicy
 from ._arm_policy import reaching_policy as reaching_policy
 from ._arm_policy import whole_arm_policy as whole_arm_policy
+from ._detour import Aside as Aside
+from ._detour import FoundDetour as FoundDetour
+from ._detour import detour as detour
+from ._detour import find_detour as find_detour
 from ._distances import AVOIDANCE as AVOIDANCE
 from ._distances import SELF_AVOIDANCE as SELF_AVOIDANCE
 from ._distances import avoidance as avoidance

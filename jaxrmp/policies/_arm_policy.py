@@ -15,6 +15,7 @@ from .._tree import Leaf, Node, on_coordinates
 from ..kinematics import Robot
 from ..leaves import CollisionAvoidance, OrientationAttractor
 from ..world import RobotSpheres, World, own_self_pairs, own_spheres
+from ._detour import Aside, detour
 from ._distances import AVOIDANCE, avoidance, self_avoidance
 from ._hand import HAND_ORIENTATION, HandGoal
 from ._joints import NOTHING, damping, joint_limits, posture, velocity_limits
@@ -33,6 +34,7 @@ class ArmPolicy:
 
     Where there are several targets, `target_of` says which of them each task takes, counted from 0; empty where all
     tasks take the same one. `common`: one target may stand for all of them.
+    `aside`: how hands are led round obstacles, such as one of `find_detour`; None: they are kept off alone.
     **Raises** `ConfigurationError` unless `target_of` is empty or has an entry for each task.
     """
 
@@ -43,6 +45,7 @@ class ArmPolicy:
     avoidance: Leaf = AVOIDANCE
     target_of: tuple[int, ...] = static(default=())
     common: bool = static(default=True)
+    aside: Aside | None = None
 
     def __post_init__(self):
         if self.target_of and len(self.target_of) != len(self.tasks):
@@ -56,9 +59,20 @@ class ArmPolicy:
         Where there are K targets, `T_world_target` is [K, 4, 4].
         **Raises** `ShapeError` for a target of another shape.
         """
-        targets = zip(self.tasks, self._targets(T_world_target), strict=True)
+        targets = self.with_targets(T_world_target)
         tasks = sum((task.tree(self.robot, T) for task, T in targets), NOTHING)
-        return tasks + self.always + avoidance(self.robot, self.spheres, world, self.avoidance)
+        whole = tasks + self.always + avoidance(self.robot, self.spheres, world, self.avoidance)
+        if self.aside is None:
+            return whole
+        return sum((detour(self.robot, task, T, world, self.aside) for task, T in targets), whole)
+
+    def leaning(self, aside: Aside | None) -> "ArmPolicy":
+        """The same policy with its hands led round obstacles by `aside`; None: kept off alone."""
+        return replace(self, aside=aside)
+
+    def with_targets(self, T_world_target: jax.Array) -> list[tuple[Any, jax.Array]]:
+        """Each task and its target [4, 4], of `T_world_target` as in `tree`; **raises** as that."""
+        return list(zip(self.tasks, self._targets(T_world_target), strict=True))
 
     def _targets(self, T_world_target: jax.Array) -> list[jax.Array]:
         """The target of each task."""

@@ -56,3 +56,10 @@ class HandGoal:
         """The policy of a `robot` with the target at `T_world_target` [4, 4]."""
         T = matmul(jnp.asarray(T_world_target), self.T_target_frame)
         return hand_at(robot, self.frame, T, self.position, self.orientation)
+
+    def hand(self, T_world_target: jax.Array) -> tuple[str, Any, jax.Array] | None:
+        """What goes where with the target at `T_world_target` [4, 4]: frame, point in it [3], m, and that point's goal
+        [3] in the world, m; None if the position is free."""
+        if self.position is None:
+            return None
+        return self.frame, np.zeros(3, np.float32), matmul(jnp.asarray(T_world_target), self.T_target_frame)[:3, 3]
