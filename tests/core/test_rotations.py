@@ -98,7 +98,7 @@ def test_poses_hold_position_and_rotation():
     np.testing.assert_array_equal(pose(p[0], R[0]), T[0])
 
 
-def test_the_nearest_rotation_is_smooth_where_singular_values_are_equal(x64):
+def test_the_nearest_rotation_is_smooth_where_singular_values_are_equal():
     from jax.test_util import check_grads
 
     R = rotation_of_vector(np.array([0.3, -0.5, 0.8]))
