@@ -92,9 +92,8 @@ def figure(rows: list[dict[str, Any]]) -> Figure:
             (~np.isin(kind, (End.CONVERGED, End.STOPPED_AT_LIMIT)), "neither", VERMILLION),
         ):
             axes.scatter(*hand[end][:, ::2].T, 3 if name == "arrives" else 20, colour, label=name)
-        axes.set_title(f"{task.replace('_', ' ')}: {(kind == End.CONVERGED).sum():,} of {len(kind):,}")
         axes.set_aspect("equal")
-        label_axes(axes, "x, m", "z, m")
+        label_axes(axes, f"x, m ({task.replace('_', ' ')}: {(kind == End.CONVERGED).sum():,} of {len(kind):,})", "z, m")
     legend_below(drawn, axes)
     return drawn
 
