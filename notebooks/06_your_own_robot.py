@@ -158,7 +158,7 @@ poses[:, :2, :2] = [[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]
 poses[:, :3, 3] += [0.04, 0.07, 0.04]
 moved = learning.reproduce(skill, robot, learned.prepared._replace(poses=poses), duration=12.0, dt=0.01)
 left = np.linalg.norm(moved.points[:, -1] - learned.prepared.subtasks.ends, axis=-1)
-print({name: round(value, 3) for name, value in reproduction.mean.items()})
+print({name: round(value, 3) for name, value in reproduction.mean.items() if value is not None})
 print("new place of the cup: left to the targets, mm", np.round(1e3 * left.max(axis=1), 1))
 
 figure, panels = plt.subplots(1, 2, figsize=(10, 3.6), sharex=True)

@@ -18,6 +18,7 @@ from jaxrmp.leaves import (
     CollisionAvoidance,
     CruisingAttractor,
     Damping,
+    Detour,
     Formation,
     Funnel,
     JointLimit,
@@ -29,6 +30,7 @@ from jaxrmp.leaves import (
     StretchedAttractor,
     lula,
 )
+from jaxrmp.policies._detour import _Ahead, _Point
 from jaxrmp.simulation import Held
 from jaxrmp.viewer._push import Push
 from jaxrmp.world import Boxes, CapsuleDistances, ObstacleDistances, SelfDistances, Spheres, World
@@ -63,6 +65,7 @@ LEAVES = {
     CruisingAttractor: (CruisingAttractor(np.ones(3), taper=0.5), (3,)),
     CollisionAvoidance: (CollisionAvoidance(reach=2.0, frequency=20.0), (3,)),
     Damping: (Damping(), (3,)),
+    Detour: (Detour(2.0, reach=2.0, taper=0.5), (5,)),
     Formation: (Formation(), (3,)),
     Funnel: (Funnel(RNG.normal(size=(5, 3)), within=0.1, inner=0.2, outer=3.0), (3,)),
     Held: (Held(jaxrmp.NaturalForm(np.ones(3), np.eye(3))), (3,)),
@@ -103,6 +106,8 @@ MAPS = {
     PointsInFrame: (PointsInFrame(ROBOT, "panda_link3", HAND), (7,)),
     AxesAndPosition: (AxesAndPosition(ROBOT, "panda_link3"), (7,)),
     ObstacleDistances: (ObstacleDistances(HAND, SCENE, 0.05), (7,)),
+    _Ahead: (_Ahead(np.ones(3), np.array([0.1, 0.0, 0.2]), SCENE), (3,)),
+    _Point: (_Point(ControlPoints(ROBOT, ("panda_link3",), np.array([[0.0, 0.1, 0.05]]))), (7,)),
     CapsuleDistances: (CapsuleDistances(HAND, HAND, SCENE, 0.05), (7,)),
     SelfDistances: (SelfDistances(HAND, ((0, 1),), 0.05), (7,)),
 }
