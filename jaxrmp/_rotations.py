@@ -82,6 +82,13 @@ def _nearest_slope(primals, tangents):
     return R, matmul(R, turn)
 
 
+def rotation_angle(R: np.ndarray) -> np.ndarray:
+    """The angles [...], rad, by which rotation matrices [..., 3, 3] turn; to rounding near none and a half turn too."""
+    R = np.asarray(R)
+    twice = np.stack([R[..., 2, 1] - R[..., 1, 2], R[..., 0, 2] - R[..., 2, 0], R[..., 1, 0] - R[..., 0, 1]], axis=-1)
+    return np.arctan2(np.linalg.norm(twice, axis=-1), np.trace(R, axis1=-2, axis2=-1) - 1)
+
+
 def pose(position: Any, R: Any) -> np.ndarray:
     """The rigid transforms [..., 4, 4] of `position` [..., 3] and rotation `R` [..., 3, 3]."""
     T = np.zeros((*np.shape(position)[:-1], 4, 4))

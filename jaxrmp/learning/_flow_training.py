@@ -110,10 +110,8 @@ def train_flow(
     calls = [jax.tree.map(lambda d, i=i: d[i : i + a_call], draws) for i in range(0, settings.updates, a_call)]
     carry, losses = (networks, _optimizer(settings).init(networks)), []
     clock = time.perf_counter()
-    timed = timing is not None
-    run = _updates.lower(
-        carry, calls[0], flow, data, settings=settings, timed=timed
-    ).compile()  # once for data of the same shapes
+    kind = {"settings": settings, "timed": timing is not None}
+    run = _updates.lower(carry, calls[0], flow, data, **kind).compile()  # once for data of the same shapes
     compilation_seconds, clock = time.perf_counter() - clock, time.perf_counter()
     for i, drawn in enumerate(calls):
         carry, values = run(carry, drawn, flow, data)
@@ -224,8 +222,8 @@ def _loss(flow: Flow, data: _Paths, drawn: _Draws, settings: FlowSettings, timed
     along = x[rows[:, None], jnp.minimum(at + 1, _SAMPLES - 1)] - x[rows[:, None], jnp.maximum(at - 1, 0)]
     along = along / jnp.sqrt(jnp.sum(along**2, -1, keepdims=True) + 1e-18)
     y = jax.vmap(flow)(begin)
+    radius = jnp.sqrt(jnp.sum(y**2, -1) + 1e-18)
     if timed:
-        radius = jnp.sqrt(jnp.sum(y**2, -1) + 1e-18)
         share = _later(left[rows[:, None], at], (radius - length)[:, None], data.taper) / radius[:, None]
     else:
         share = left[rows[:, None], at] / length[:, None]
@@ -239,7 +237,7 @@ def _loss(flow: Flow, data: _Paths, drawn: _Draws, settings: FlowSettings, timed
         error = error - 0.5 * late  # when it is there matters half
         timely, huber = jnp.ones(len(x)), _HUBER
     fit = jnp.mean(jnp.sqrt(huber**2 + jnp.sum(error**2, -1)) - huber) * huber
-    radius = jnp.mean(timely * ((jnp.sqrt(jnp.sum(y**2, -1) + 1e-18) - length) / flow.length) ** 2)
+    reach = jnp.mean(timely * ((radius - length) / flow.length) ** 2)
     probes = data.near[drawn.near] + drawn.shift
     if len(data.far):  # in one derivative with those that are near
         probes = jnp.concatenate([probes, data.far[drawn.far]])
@@ -247,7 +245,7 @@ def _loss(flow: Flow, data: _Paths, drawn: _Draws, settings: FlowSettings, timed
     moved = jax.vmap(lambda x, u: jax.jvp(flow, (x,), (u,))[1])(probes, directions)
     near, turned = moved[: len(drawn.near)], (moved - directions)[len(drawn.near) :]
     conditioning = jnp.mean(jnp.log(jnp.sqrt(jnp.sum(near**2, -1)) + 1e-9) ** 2)
-    loss = 100 * fit + 10 * radius + settings.conditioning * conditioning
+    loss = 100 * fit + 10 * reach + settings.conditioning * conditioning
     if not len(data.far):
         return loss
     identity = jnp.mean(data.weights[drawn.far] * jnp.log1p(jnp.sum(turned**2, -1)))

@@ -58,11 +58,10 @@ def learn(
 
     By a flow, `learn_flow`, one policy for the whole hand; or by the paper's steps, `learn_paper`, a policy for each
     control point. With the configuration's `method = "auto"` by a flow, and where that does not pass, by the paper's,
-    unless a subtask is a pose. A
-    flow passes if it stretches space nowhere on the demonstrations beyond what rollouts can follow, and if all of them,
-    reproduced by the whole policy, end at the goal, with an energy that does not rise. Before, a `FileWarning` says
-    which demonstrations disagree, as `families` finds. With `policy.tempo = "demonstrated"` only by a flow, and a
-    `FileWarning` says when demonstrations pause, and for how long.
+    unless a subtask is a pose or the tempo is the demonstrated one. A flow passes if it stretches space nowhere on the
+    demonstrations beyond what rollouts can follow, and if all of them, reproduced by the whole policy, end at the goal,
+    with an energy that does not rise. Before, a `FileWarning` says which demonstrations disagree, as `families` finds,
+    and of a tempo that is to be learned, when demonstrations pause, and for how long.
 
     **Arguments**: `configuration`; `robot`, with the demonstrations' joints in the same order; `demonstrations`;
     `progress`, called with the name of a step and the fraction of it that is done.

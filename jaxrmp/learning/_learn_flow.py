@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._errors import TrainingError
+from .._rotations import rotation_angle
 from ..kinematics import Robot
 from ._arc_length import resample_by_arc_length
 from ._configuration import Configuration
@@ -93,8 +94,7 @@ def check_turns(places: Sequence[np.ndarray], radius: float) -> None:
     """**Raises** `TrainingError` for hands, triangles [T, 3, 3] m, that turn farther than `HandPose` counts in full."""
     for i, place in enumerate(places):
         R = np.asarray(jax.vmap(lambda points: axes_of(points, radius))(jnp.asarray(place)))
-        cosine = (np.einsum("tij,ij->t", R, R[-1]) - 1) / 2
-        if not (degrees := np.degrees(np.arccos(np.clip(cosine, -1, 1))).max()) <= _MOST_TURNED:
+        if not (degrees := np.degrees(rotation_angle(R @ R[-1].T)).max()) <= _MOST_TURNED:
             raise TrainingError(
                 f"demonstration {i}: the hand turns by {degrees:.0f} degrees from how it ends, and a flow knows up to "
                 f"{_MOST_TURNED}. Cut the beginning off, learn it as two skills, or by points with method 'paper'."

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from .._errors import ShapeError
+from .._rotations import rotation_angle
 from ._arc_length import resample_by_arc_length
 
 _SHORT = 0.01  # m, of a path of which nothing is a share
@@ -117,9 +118,7 @@ def _warped(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The rows of paths `a` [T, m] and `b` [S, m] that belong together by `dtw_distance`, each [P]."""
     T, S = len(a), len(b)
     distances = np.linalg.norm(a[:, None] - b, axis=-1).tolist()
-    total = [
-        [np.inf] * (S + 1) for _ in range(T + 1)
-    ]  # the least sum to each pair, a row and a column before the first
+    total = [[np.inf] * (S + 1) for _ in range(T + 1)]  # the least sum to each pair, with a row and a column before
     total[0][0] = 0.0
     for i, row in enumerate(distances):
         for j, distance in enumerate(row):
@@ -135,9 +134,7 @@ def _warped(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def _angles(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """The angles [T], rad, between triangles `a` and `b` [T, 3, 3] of the same shape."""
     first, second = (np.stack(_axes(triangles), axis=-1) for triangles in (a, b))
-    R = np.einsum("tij,tkj->tik", first, second)
-    twice = np.stack([R[:, 2, 1] - R[:, 1, 2], R[:, 0, 2] - R[:, 2, 0], R[:, 1, 0] - R[:, 0, 1]], axis=1)
-    return np.arctan2(np.linalg.norm(twice, axis=1), np.trace(R, axis1=1, axis2=2) - 1)
+    return rotation_angle(first @ np.swapaxes(second, 1, 2))
 
 
 def _axes(triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

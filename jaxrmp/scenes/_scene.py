@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .._errors import ConfigurationError, RobotError, UnknownNameError
-from .._rotations import pose, quaternion_of_rotation, rotation_of_quaternion
+from .._rotations import pose, quaternion_of_rotation, rotation_angle, rotation_of_quaternion
 from .._task_map import check_rigid
 from ..kinematics import Robot
 from ..kinematics._mujoco import import_mujoco
@@ -106,7 +106,7 @@ class Scene:
             )
         wanted, T = self.object_pose(data) @ self.T_object_hand, self.hand_pose(data)
         error = float(np.linalg.norm(T[:3, 3] - wanted[:3, 3]))
-        angle = float(np.arccos(np.clip((np.trace(wanted[:3, :3].T @ T[:3, :3]) - 1) / 2, -1.0, 1.0)))
+        angle = float(rotation_angle(wanted[:3, :3].T @ T[:3, :3]))
         words = f"{100 * error:.1f} cm and {np.degrees(angle):.0f} degrees off"
         return Left(error <= self.position and angle <= self.angle, words, error, angle)
 

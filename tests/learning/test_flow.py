@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from jaxrmp import ConfigurationError, TrainingError, acceleration, certificate
+from jaxrmp import ConfigurationError, TrainingError, acceleration
 from jaxrmp._task_map import pushforward_by_autodiff
 from jaxrmp.cli._report_pages import learning_page
 from jaxrmp.cli._reproduce import result_dict
@@ -110,17 +110,8 @@ def test_a_learned_flow_reproduces_and_says_how_it_was_learned(learning):
     assert 0 < report["flow"]["least_stretch"] < report["flow"]["largest_stretch"]
 
 
-def test_its_policy_is_certified(learning):
-    robot = panda()
-    with jax.enable_x64(True):
-        tree = jax.tree.map(lambda a: jnp.asarray(a, float), learning.skill.tree(robot))
-        rng = np.random.default_rng(0)
-        q = jnp.asarray(rng.uniform(robot.lower + 0.05, robot.upper - 0.05, (100, 7)))
-        near = jnp.asarray(np.concatenate(learning.prepared.joints.q)[::20][:30])
-        states = jnp.concatenate([q, near]), jnp.asarray(rng.normal(size=(130, 7)))
-        found = jax.jit(jax.vmap(lambda q, qd: certificate(tree, q, qd)))(*states)
-    assert float(found.residual.max()) < 1e-8
-    assert all(leaf.certified for leaf in tree.leaves())
+def test_its_policy_is_certified(learning, assert_skill_certified):
+    assert_skill_certified(learning)
 
 
 def test_it_goes_where_the_object_went_and_its_funnel_with_it(learning, door):

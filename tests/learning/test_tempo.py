@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxrmp import ConfigurationError, FileWarning, ShapeError, TrainingError, UnknownNameError, certificate
+from jaxrmp import ConfigurationError, FileWarning, ShapeError, TrainingError, UnknownNameError
 from jaxrmp.cli._output import error_table, validation_table
 from jaxrmp.cli._reproduce import result_dict
 from jaxrmp.kinematics import panda
@@ -121,17 +121,8 @@ def test_twice_the_speed_takes_half_the_time(learning):
     assert taken[1] == pytest.approx(taken[0] / 2, rel=0.05)
 
 
-def test_its_policy_is_certified(learning):
-    robot = panda()
-    with jax.enable_x64(True):
-        tree = jax.tree.map(lambda a: jnp.asarray(a, float), learning.skill.tree(robot))
-        rng = np.random.default_rng(0)
-        q = jnp.asarray(rng.uniform(robot.lower + 0.05, robot.upper - 0.05, (100, 7)))
-        near = jnp.asarray(np.concatenate(learning.prepared.joints.q)[::20][:30])
-        states = jnp.concatenate([q, near]), jnp.asarray(rng.normal(size=(130, 7)))
-        found = jax.jit(jax.vmap(lambda q, qd: certificate(tree, q, qd)))(*states)
-    assert float(found.residual.max()) < 1e-8
-    assert all(leaf.certified for leaf in tree.leaves())
+def test_its_policy_is_certified(learning, assert_skill_certified):
+    assert_skill_certified(learning)
 
 
 def test_its_file_keeps_the_tempo_and_tables_show_the_error(learning, tmp_path):
