@@ -88,8 +88,9 @@ class MetricSettings:
 @settings("flow")
 class FlowSettings:
     """The flow and its training. `couplings` L and `hidden`, the width of their networks; `updates`, `learning_rate`;
-    `mixtures`, paths between two demonstrations that are followed too, an update; `conditioning`, against stretching
-    space near the demonstrations; `identity`, to leave space as it is far from them; `circumradius`, m, of the triangle
+    `mixtures`, paths between two demonstrations that are followed too, an update; `displaced`, how many more with their
+    start displaced, by normal noise of standard deviation `displacement`, m; `conditioning`, against stretching space
+    near the demonstrations; `identity`, to leave space as it is far from them; `circumradius`, m, of the triangle
     of points that stands for the hand: what its turn counts for; `weight`, the metric of the policy.
 
     `funnel`: 0 for none, else the metric of the leaf that leads joints back to the ways from demonstrated starts;
@@ -102,12 +103,14 @@ class FlowSettings:
     updates: Positive[int] = 4000
     learning_rate: Positive[float] = 0.005
     mixtures: NonNegative[int] = 4
+    displaced: NonNegative[int] = 1
+    displacement: NonNegative[float] = 0.1
     conditioning: NonNegative[float] = 0.01
     identity: NonNegative[float] = 0.1
     circumradius: Positive[float] = 0.15
     weight: Positive[float] = 15.0
     funnel: NonNegative[float] = 18.0
-    onset: NonNegative[float] = 0.55
+    onset: NonNegative[float] = 0.6
     inner: Positive[float] = 1.2
     outer: Positive[float] = 2.2
     lead: NonNegative[float] = 0.7

@@ -27,6 +27,7 @@ _PROBES = 16  # places near and as many far at an update at which the flow is ke
 _LEAST_STRETCH, _MOST_STRETCH = 0.02, 50.0  # of space by a flow, on the demonstrations
 _MOST_TIMED = 150.0  # where it has to be slow in some places and fast in others
 _HUBER, _HUBER_TIMED = 0.1, 0.3  # error, over the flow's length, from where on it counts linearly
+_UNSHOWN = 0.5  # what a path counts that nobody showed
 
 
 class FlowFit(NamedTuple):
@@ -61,12 +62,15 @@ class _Paths(NamedTuple):
 
 class _Draws(NamedTuple):
     """What is random in an update: a later start of each path [N]; the two paths [X] that are mixed, and in what shares
-    [X]; where samples begin [P], a share of their distance; near and far points, and directions there [B, ...]."""
+    [X]; paths [D] whose start is displaced, and by what [D, m]; where samples begin [P], a share of their distance;
+    near and far points, and directions there [B, ...]."""
 
     start: np.ndarray
     first: np.ndarray
     second: np.ndarray
     share: np.ndarray
+    displaced: np.ndarray
+    aside: np.ndarray
     phase: np.ndarray
     near: np.ndarray
     shift: np.ndarray
@@ -87,10 +91,11 @@ def train_flow(
     With an attractor behind a flow, motion from rest at x_0 is `phi^-1(r phi(x_0) / |phi(x_0)|)` for r from
     `|phi(x_0)|` down to 0: known without a rollout. These rays are compared with the paths, from their beginning and
     from further on, with r the length that is left; beside that, the flow is kept from stretching space near the
-    paths, from turning it far from them, and follows mixtures of two paths for starts in between.
+    paths, from turning it far from them, and follows what nobody showed, for starts beside the paths': mixtures of two
+    paths, and paths whose start is displaced, which come back to what they were as the square of the length left.
 
     With `timing` r is the radius that the attractor has at each point's time, so that it is there then. Errors along
-    the motion then count more, not less, but on mixtures, of which nobody showed how fast they are, not at all.
+    the motion then count more, not less, but on paths of which nobody showed how fast they are, not at all.
 
     **Arguments**: `paths`, N arrays [T, m] that end at the origin, m in units of length; `far` [F, m], places where
     nothing is known and the flow is to be near the identity; `settings`; `seed`, of all that is random; `progress`,
@@ -104,7 +109,7 @@ def train_flow(
     data = _paths(paths, far, timing)
     N, _, m = data.x.shape
     flow = initial_flow(seed, m, settings.couplings, settings.hidden, float(np.abs(data.x).max()) / 4)
-    draws = _draws(np.random.default_rng([seed, 1]), settings.updates, N, settings.mixtures if N > 1 else 0, data)
+    draws = _draws(np.random.default_rng([seed, 1]), settings, N, data)
     networks = _networks(flow)
     a_call = math.gcd(settings.updates, _UPDATES_A_CALL)
     calls = [jax.tree.map(lambda d, i=i: d[i : i + a_call], draws) for i in range(0, settings.updates, a_call)]
@@ -188,8 +193,9 @@ def _left(x: jax.Array) -> jax.Array:
     return jnp.concatenate([left, jnp.zeros_like(left[..., :1])], -1)
 
 
-def _draws(rng: np.random.Generator, updates: int, N: int, mixtures: int, data: _Paths) -> _Draws:
-    m = data.x.shape[-1]
+def _draws(rng: np.random.Generator, settings: FlowSettings, N: int, data: _Paths) -> _Draws:
+    m, updates, displaced = data.x.shape[-1], settings.updates, settings.displaced
+    mixtures = settings.mixtures if N > 1 else 0
     first = rng.integers(0, N, (updates, mixtures))
     direction = rng.normal(size=(updates, 2, _PROBES, m))
     return _Draws(
@@ -197,7 +203,9 @@ def _draws(rng: np.random.Generator, updates: int, N: int, mixtures: int, data: 
         first=first,
         second=(first + rng.integers(1, max(N, 2), (updates, mixtures))) % N,
         share=rng.uniform(-0.25, 0.5, (updates, mixtures)).astype(np.float32),
-        phase=rng.uniform(size=(updates, 2 * N + mixtures)).astype(np.float32),
+        displaced=rng.integers(0, N, (updates, displaced)),
+        aside=rng.normal(0, settings.displacement, (updates, displaced, m)).astype(np.float32),
+        phase=rng.uniform(size=(updates, 2 * N + mixtures + displaced)).astype(np.float32),
         near=rng.integers(0, len(data.near), (updates, _PROBES)),
         shift=rng.normal(0, 0.05 / np.sqrt(3), (updates, _PROBES, m)).astype(np.float32),
         far=rng.integers(0, max(len(data.far), 1), (updates, _PROBES)),
@@ -207,12 +215,15 @@ def _draws(rng: np.random.Generator, updates: int, N: int, mixtures: int, data: 
 
 def _loss(flow: Flow, data: _Paths, drawn: _Draws, settings: FlowSettings, timed: bool) -> jax.Array:
     mixed = data.x[drawn.first] + drawn.share[:, None, None] * (data.x[drawn.second] - data.x[drawn.first])
+    fades = (data.left[drawn.displaced] / data.left[drawn.displaced, :1]) ** 2
+    unshown = jnp.concatenate([mixed, data.x[drawn.displaced] + fades[..., None] * drawn.aside[:, None]])
     if timed:
         mixed_left = data.left[drawn.first] + drawn.share[:, None] * (data.left[drawn.second] - data.left[drawn.first])
+        unshown_left = jnp.concatenate([mixed_left, data.left[drawn.displaced]])
     else:
-        mixed_left = _left(mixed)
-    x, left = jnp.concatenate([data.x, data.x, mixed]), jnp.concatenate([data.left, data.left, mixed_left])
-    N, X = len(data.x), len(mixed)
+        unshown_left = _left(unshown)
+    x, left = jnp.concatenate([data.x, data.x, unshown]), jnp.concatenate([data.left, data.left, unshown_left])
+    N, X = len(data.x), len(unshown)
     start = jnp.concatenate([jnp.zeros(N, int), drawn.start, jnp.zeros(X, int)])
     steps = (jnp.arange(_SAMPLES // _EVERY) + drawn.phase[:, None]) / (_SAMPLES // _EVERY)
     at = start[:, None] + (steps * (_SAMPLES - 1 - start[:, None])).astype(int)
@@ -229,14 +240,16 @@ def _loss(flow: Flow, data: _Paths, drawn: _Draws, settings: FlowSettings, timed
         share = left[rows[:, None], at] / length[:, None]
     error = (jax.vmap(jax.vmap(flow.inverse))(share[..., None] * y[:, None]) - wanted) / flow.length
     late = jnp.sum(error * along, -1, keepdims=True) * along
-    if timed:  # nobody showed when to be where on mixtures
-        timely = jnp.arange(len(x)) < 2 * N
+    shown = jnp.arange(len(x)) < 2 * N
+    if timed:  # nobody showed when to be where on the others
+        timely = shown
         error = error + jnp.where(timely[:, None, None], 1.0, -1.0) * late
         huber = _HUBER_TIMED
     else:
         error = error - 0.5 * late  # when it is there matters half
         timely, huber = jnp.ones(len(x)), _HUBER
-    fit = jnp.mean(jnp.sqrt(huber**2 + jnp.sum(error**2, -1)) - huber) * huber
+    counts = jnp.where(shown, 1.0, _UNSHOWN)[:, None]
+    fit = jnp.mean(counts * (jnp.sqrt(huber**2 + jnp.sum(error**2, -1)) - huber)) * huber
     reach = jnp.mean(timely * ((radius - length) / flow.length) ** 2)
     probes = data.near[drawn.near] + drawn.shift
     if len(data.far):  # in one derivative with those that are near
