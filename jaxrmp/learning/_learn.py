@@ -13,6 +13,7 @@ import numpy as np
 from .._errors import FileWarning, JaxrmpError, TrainingError
 from ..kinematics import Robot
 from ..leaves import Learned
+from ..xla import as_here
 from ._configuration import Configuration
 from ._demonstrations import DemonstrationSet
 from ._families import Families, families
@@ -95,7 +96,7 @@ def learn(
             lesson = flow_lesson(configuration, robot, prepared)
             skill = _skill(configuration, robot, demonstrations, prepared, None, lesson.motion)
             with ThreadPoolExecutor(1) as beside:  # compiles what is to judge a flow while that is trained
-                compiling = beside.submit(compile_ahead, skill, robot, prepared, duration)
+                compiling = beside.submit(as_here(compile_ahead), skill, robot, prepared, duration)
                 flow = learn_flow(configuration, lesson, progress)
                 check_stretch(flow.fit, configuration.policy.tempo == "demonstrated")
                 lap("flow")

@@ -99,7 +99,9 @@ def compile_ahead(
     _rollouts.lower(*_arguments(*_reproduced(skill, robot, prepared, True)), duration=duration, dt=dt).compile()
 
 
-def _reproduced(skill: Skill, robot: Robot, prepared: PreparedDemonstrations, own_targets: bool) -> tuple[Any, ...]:
+def _reproduced(
+    skill: Skill, robot: Robot, prepared: PreparedDemonstrations, own_targets: bool
+) -> tuple[Any, Any, Any]:
     """The arguments of `rollouts_of`."""
     ends = prepared.subtasks.ends if own_targets else np.broadcast_to(skill.targets, prepared.subtasks.ends.shape)
     # Its policy does not depend on these, which would make another program of each skill.

@@ -16,4 +16,5 @@ from ._quickly import known_options as known_options
 from ._quickly import quickly as quickly
 from ._report import Part as Part
 from ._report import report as report
+from ._switch import as_here as as_here
 from ._switch import machinery as machinery
