@@ -7,10 +7,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jax.tree_util import Partial
 
 from jaxrmp import FileWarning
 from jaxrmp.learning import PathLearning, learn_paths, load_paths
-from jaxrmp.learning._reproduce import rollouts_of
+from jaxrmp.learning._reproduce import itself, rollouts_of
 
 _GRID, _BEYOND = 16, 0.15  # starts a side, and how far beyond the paths' box
 _ARRIVED = 0.01  # of the paths' extent
@@ -51,7 +52,7 @@ def _arrivals(found: PathLearning, points: np.ndarray, extent: float) -> dict[st
     beyond = _BEYOND * (upper - lower)
     sides = [np.linspace(a, b, _GRID) for a, b in zip(lower - beyond, upper + beyond, strict=True)]
     starts = found.start(np.stack(np.meshgrid(*sides), -1).reshape(-1, len(sides)))
-    rollouts = rollouts_of([found.policy] * len(starts), starts, 3000 * found.dt, found.dt)
+    rollouts = rollouts_of(Partial(itself, found.policy), (), starts, 3000 * found.dt, found.dt)
     gone = np.linalg.norm(rollouts.q[:, -1, : len(sides)] - found.goal, axis=1)
     rise = np.maximum(np.diff(rollouts.energy.astype(float), axis=1), 0).max(1) / np.ptp(rollouts.energy, axis=1)
     return {"arrive": float((gone < _ARRIVED * extent).mean()), "energy_increase": float(rise.max())}

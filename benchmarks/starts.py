@@ -11,15 +11,16 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.tree_util import Partial
 
-from jaxrmp import pushforward
+from jaxrmp import Node, pushforward
 from jaxrmp._linalg import cholesky_solve, matmul
 from jaxrmp._rotations import rotation_of_vector
 from jaxrmp.evaluation import Evaluation, evaluate, limit_leaf, sample_starts, skill_problem, starts_around
 from jaxrmp.kinematics import Robot
 from jaxrmp.learning import Skill, learn
 from jaxrmp.learning._reproduce import rollouts_of
-from jaxrmp.policies import whole_arm_policy
+from jaxrmp.policies import ArmPolicy, whole_arm_policy
 from jaxrmp.simulation import End, KinematicEngine, StopCriteria
 from jaxrmp.visualization._style import BLUE, ORANGE, VERMILLION, Figure, label_axes, legend_below, new_figure
 from jaxrmp.world import World
@@ -111,11 +112,10 @@ def _moved(skill: Skill, robot: Robot, starts: np.ndarray) -> tuple[np.ndarray, 
     """Whether it arrives from each of `starts` [N, n] with the object moved otherwise each time, and whether inverse
     kinematics does from where the skill ends, the hand turned as demonstrated: it may be out of the arm's reach."""
     poses = moved_poses(np.asarray(skill.T_world_object, float), len(starts))
-    policy, error = whole_arm_policy(skill, robot), []
+    policy, error = Partial(_tree, whole_arm_policy(skill, robot)), []
     for first in range(0, len(starts), _BATCH):
         rows = slice(first, first + _BATCH)
-        trees = [policy.tree(jnp.asarray(T, jnp.float32), World()) for T in poses[rows]]
-        q = rollouts_of(trees, starts[rows], _SECONDS, _DT).q[:, -1]
+        q = rollouts_of(policy, (poses[rows],), starts[rows], _SECONDS, _DT).q[:, -1]
         error.append(_errors(skill, robot, q, poses[rows]))
     assert skill.flow is not None and skill.flow.posture is not None  # the default method, unless refused
     end = np.repeat(np.asarray(skill.flow.posture.postures), len(poses), axis=0)
@@ -124,6 +124,10 @@ def _moved(skill: Skill, robot: Robot, starts: np.ndarray) -> tuple[np.ndarray, 
     )
     reached = (np.linalg.norm(left, axis=1) < _ARRIVED) & (_errors(skill, robot, solved, poses) < _ARRIVED)
     return np.concatenate(error) < _ARRIVED, reached
+
+
+def _tree(policy: ArmPolicy, T: jax.Array) -> Node:
+    return policy.tree(T, World())
 
 
 def moved_poses(T: np.ndarray, count: int, seed: int = 1) -> np.ndarray:

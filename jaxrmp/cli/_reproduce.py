@@ -8,8 +8,9 @@ import numpy as np
 
 from .._errors import ConfigurationError
 from ..learning import Reproduction, Skill, prepare, reproduce
-from ..simulation import arrival
+from ..simulation import Rollout, arrival
 from ..visualization import save_reproduction_figures
+from ..xla import quickly
 from ._output import error_table, made_by, progress_bar, write_arrays, write_json
 from ._sources import demonstrations_of, skill_and_robot
 
@@ -41,13 +42,17 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
     print(error_table(result))
 
 
+@quickly
+def _missed(rollouts: Rollout) -> jax.Array:
+    return jax.vmap(arrival)(rollouts).out_of_reach
+
+
 def result_dict(reproduction: Reproduction, skill: Skill, measured_on: str) -> dict[str, Any]:
     """Errors per demonstration and in the mean, and which demonstrations they are about, as written by --json.
 
     `rests_away_from` names, for each demonstration, the `Skill.parts` that came to rest more than 1 cm from their goal.
     """
-    ends = jax.vmap(arrival)(reproduction.rollouts)
-    missed = [[skill.parts[k] for k in np.flatnonzero(row)] for row in ends.out_of_reach]
+    missed = [[skill.parts[k] for k in np.flatnonzero(row)] for row in np.asarray(_missed(reproduction.rollouts))]
     per_demo = [
         {"demo": i, **errors, "rests_away_from": names}
         for i, (errors, names) in enumerate(zip(reproduction.errors, missed, strict=True))

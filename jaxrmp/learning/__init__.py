@@ -30,6 +30,8 @@ from ._hand_flow import HandFlow as HandFlow
 from ._learn import Learning as Learning
 from ._learn import learn as learn
 from ._learn_flow import FlowLearning as FlowLearning
+from ._learn_flow import FlowLesson as FlowLesson
+from ._learn_flow import flow_lesson as flow_lesson
 from ._learn_flow import learn_flow as learn_flow
 from ._learn_paper import PaperLearning as PaperLearning
 from ._learn_paper import learn_paper as learn_paper

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._linalg import matmul
-from .._pytree import pytree
+from .._pytree import pytree, single
 from .._task_map import Pushforward, TaskMap
 
 _STRETCH = 1.5  # largest logarithm by which a coupling stretches a coordinate
@@ -127,7 +127,7 @@ def initial_flow(seed: int, dimension: int, couplings: int = 12, hidden: int = 3
         biases_3=np.zeros((L, out)),
     )
     flow = Flow(layers, total.T, np.asarray(length), np.zeros(m))
-    return jax.tree.map(lambda value: jnp.asarray(value, jnp.float32), flow)
+    return jax.tree.map(jnp.asarray, single(flow))
 
 
 def _as(flow: Flow, dtype) -> Flow:

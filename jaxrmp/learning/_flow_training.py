@@ -12,6 +12,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._errors import TrainingError, importing
+from .._pytree import single
+from ..xla import quickly
 from ._arc_length import resample_by_arc_length
 from ._configuration import FlowSettings
 from ._flow import Flow, initial_flow
@@ -140,7 +142,7 @@ def stretches(flow: Flow, x: np.ndarray) -> np.ndarray:
     return np.linalg.svd(np.asarray(_slopes(flow, jnp.asarray(x, jnp.float32)), float), compute_uv=False)
 
 
-@jax.jit
+@quickly
 def _slopes(flow: Flow, x: jax.Array) -> jax.Array:
     return jax.vmap(lambda x: flow.pushforward(x, jnp.zeros_like(x)).J)(x)
 
@@ -174,8 +176,7 @@ def _paths(paths: Sequence[np.ndarray], far: np.ndarray, timing: Timing | None) 
     far = np.asarray(far, float).reshape(-1, x.shape[-1])
     distance = np.array([np.linalg.norm(near - point, axis=1).min() for point in far])
     weights = 1 - np.exp(-(distance**2) / (2 * 0.1**2))
-    found = _Paths(x, left, np.asarray(taper), near, far, weights)
-    return jax.tree.map(lambda a: jnp.asarray(a, jnp.float32), found)
+    return jax.tree.map(jnp.asarray, single(_Paths(x, left, np.asarray(taper), near, far, weights)))
 
 
 def _even_in_both(timed: np.ndarray) -> np.ndarray:

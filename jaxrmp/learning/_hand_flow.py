@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -14,6 +15,8 @@ from .._task_map import Pushforward, RigidTransform, TaskMap, Translation, compo
 from .._tree import Node, Sum, on_coordinates, pullback
 from ..kinematics import ControlPoints, Robot
 from ..leaves import CruisingAttractor, Funnel
+from ..xla import quickly
+from ._by_parts import by_parts
 from ._configuration import FlowSettings, PolicySettings
 from ._flow import Flow
 
@@ -21,6 +24,7 @@ _DAMPING = 0.02  # of inverse kinematics, m (and rad), so that near a singularit
 _PACE = 5.0  # rad/m: how fast the funnel moves joints, by the hand's speed
 _LEVER = 0.8  # of a triangle's radius: how far its corners are from axes in its plane and across, in the mean
 _EDGE = 0.38  # cosine of half the largest turn that counts in full, 135 degrees
+_AT_ONCE = 32  # postures in a call of what is compiled
 _MARGIN = 0.05  # rad or m that moved postures keep from limits
 
 
@@ -221,8 +225,7 @@ def along_ways(
     followed, left = [], []
     for way, pose in zip(ways, poses, strict=True):
         hands, moves = _hands(points, way)
-        moved = _placed_at(_seen_from(jnp.asarray(hands), pose), T)
-        followed.append(np.asarray(_followed(jnp.asarray(way), hands, moved, moves), float))
+        followed.append(np.asarray(_with_object(*single((way, hands, moves, pose, T))), float))
         steps = np.linalg.norm(np.diff(way, axis=0), axis=1)
         left.append(lead * np.append(np.cumsum(steps[::-1])[::-1], 0.0))
     postures = np.concatenate(followed)
@@ -234,17 +237,21 @@ def along_ways(
 
 def _hands(points: ControlPoints, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Where `points` are [S, P, 3] at `q` [S, n], and damped inverses [S, n, 3 P] of their Jacobians."""
-    with jax.enable_x64(True):
-        carried = _carried(points, jnp.asarray(q, float))
-        hands, J = np.asarray(carried.y), np.asarray(carried.J)
+    hands, J = by_parts(partial(_carried, points), q, _AT_ONCE)
     J = J.reshape(len(q), -1, q.shape[1])
     A = J @ np.swapaxes(J, 1, 2) + _DAMPING**2 * np.eye(J.shape[1])
     return hands, np.swapaxes(J, 1, 2) @ np.linalg.inv(A)
 
 
-@jax.jit
-def _carried(points: ControlPoints, q: jax.Array) -> Pushforward:
-    return jax.vmap(lambda q: points.pushforward(q, jnp.zeros_like(q)))(q)
+@quickly
+def _carried(points: ControlPoints, q: jax.Array) -> tuple[jax.Array, jax.Array]:
+    carried = jax.vmap(lambda q: points.pushforward(q, jnp.zeros_like(q)))(q)
+    return carried.y, carried.J
+
+
+@quickly
+def _with_object(q: jax.Array, hands: jax.Array, moves: jax.Array, T_before: jax.Array, T: jax.Array) -> jax.Array:
+    return _followed(q, hands, _placed_at(_seen_from(hands, T_before), T), moves)
 
 
 def _seen_from(points: jax.Array, T: jax.Array) -> jax.Array:

@@ -3,6 +3,7 @@
 import time
 import warnings
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -12,15 +13,16 @@ import numpy as np
 from .._errors import FileWarning, JaxrmpError, TrainingError
 from ..kinematics import Robot
 from ..leaves import Learned
+from ..xla import as_here
 from ._configuration import Configuration
 from ._demonstrations import DemonstrationSet
 from ._families import Families, families
 from ._flow_training import check_stretch
 from ._hand_flow import HandFlow
-from ._learn_flow import FlowLearning, learn_flow, led_along
+from ._learn_flow import FlowLearning, flow_lesson, learn_flow, led_along
 from ._learn_paper import PaperLearning, learn_paper
 from ._prepare import PreparedDemonstrations, control_point_frames, control_point_names, demonstrated_end, prepare
-from ._reproduce import Reproduction, reproduce, rollout_duration
+from ._reproduce import Reproduction, compile_ahead, reproduce, rollout_duration
 from ._skill import Skill, joint_leaves, mean_pose, rigid_targets
 
 Progress = Callable[[str, float], None]
@@ -90,12 +92,17 @@ def learn(
     why = "asked for"
     if configuration.method != "paper":
         try:
-            flow = learn_flow(configuration, robot, prepared, progress)
-            lap("flow")
-            check_stretch(flow.fit, configuration.policy.tempo == "demonstrated")
-            skill = _skill(configuration, robot, demonstrations, prepared, None, flow.motion)
             duration = rollout_duration(configuration.policy, prepared)
-            progress("reproducing", 0.0)
+            lesson = flow_lesson(configuration, robot, prepared)
+            skill = _skill(configuration, robot, demonstrations, prepared, None, lesson.motion)
+            with ThreadPoolExecutor(1) as beside:  # compiles what is to judge a flow while that is trained
+                compiling = beside.submit(as_here(compile_ahead), skill, robot, prepared, duration)
+                flow = learn_flow(configuration, lesson, progress)
+                check_stretch(flow.fit, configuration.policy.tempo == "demonstrated")
+                lap("flow")
+                progress("reproducing", 0.0)
+                compiling.result()
+            skill = replace(skill, flow=flow.motion)
             skill = _led_along_its_own_ways(skill, robot, prepared, duration)
             progress("reproducing", 0.5)
             reproduction = reproduce(skill, robot, prepared, duration=duration)

@@ -2,17 +2,21 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from .._errors import TrainingError
+from .._pytree import single
 from .._rotations import rotation_angle
 from ..kinematics import Robot
+from ..xla import quickly
 from ._arc_length import resample_by_arc_length
+from ._by_parts import by_parts
 from ._configuration import Configuration
+from ._flow import initial_flow
 from ._flow_training import FlowFit, Timing, train_flow
 from ._hand_flow import HandFlow, HandPose, along_ways, axes_of, hand_flow, hand_points
 from ._prepare import PreparedDemonstrations, control_point_frames, control_points, in_frame
@@ -22,7 +26,19 @@ from ._tempo import demonstrated_tempo, radii
 _FAR = 1500  # postures drawn from the joint range, where the flow is to leave space as it is
 _MOST_TURNED = 130  # degrees from the end, of a hand
 _IN_TIME = 1001  # points of a demonstration, even in time, that has a tempo
+_AT_ONCE = 256  # hands in a call of what is compiled
 _TUBE = 25  # postures of the funnel along each way
+
+
+class FlowLesson(NamedTuple):
+    """What a flow is trained on: `paths`, N arrays [T, m], and places `far` [F, m] from them, both in its space, m;
+    their `timing`, None for a constant tempo; and the `motion` for a skill, its funnel along the demonstrations, all of
+    it as it will be but the flow, which is not trained."""
+
+    paths: tuple[np.ndarray, ...]
+    far: np.ndarray
+    timing: Timing | None
+    motion: HandFlow
 
 
 class FlowLearning(NamedTuple):
@@ -35,16 +51,30 @@ class FlowLearning(NamedTuple):
 
 
 def learn_flow(
-    configuration: Configuration,
-    robot: Robot,
-    prepared: PreparedDemonstrations,
-    progress: Callable[[str, float], None],
+    configuration: Configuration, lesson: FlowLesson, progress: Callable[[str, float], None]
 ) -> FlowLearning:
-    """One flow of the whole hand from `prepared` demonstrations, and a funnel along the demonstrations.
+    """One flow of the whole hand.
 
-    **Arguments**: `configuration`, whose section `flow` counts; its `robot`; `prepared`, by `prepare`; `progress`,
-    called with the name of the step and the fraction of it that is done. **Returns** a `FlowLearning`.
-    **Raises** `TrainingError` as `train_flow`, and for a hand that turns too far.
+    **Arguments**: `configuration`, whose section `flow` counts; its `lesson`, by `flow_lesson`; `progress`, called with
+    the name of the step and the fraction of it that is done. **Returns** a `FlowLearning`.
+    **Raises** `TrainingError` as `train_flow`.
+    """
+    settings = configuration.flow
+    fit = train_flow(
+        lesson.paths,
+        lesson.far,
+        settings,
+        configuration.seed,
+        lambda done, loss: progress("flow", done / settings.updates),
+        lesson.timing,
+    )
+    return FlowLearning(replace(lesson.motion, flow=single(fit.flow)), fit, lesson.paths)
+
+
+def flow_lesson(configuration: Configuration, robot: Robot, prepared: PreparedDemonstrations) -> FlowLesson:
+    """What a flow is to learn from `prepared` demonstrations, by `prepare`, with the same `configuration` and `robot`.
+
+    **Raises** `TrainingError` for a hand that turns too far.
     """
     settings = configuration.flow
     frames, own = control_point_frames(configuration)
@@ -67,18 +97,11 @@ def learn_flow(
         tempo = demonstrated_tempo(paths, times, policy.damping_rate)
         policy, taper = replace(policy, speed=tempo.speed), {"taper": tempo.taper}
         timing = Timing([radii(time, tempo, policy.damping_rate) for time in times], tempo.taper)
-    fit = train_flow(
-        paths,
-        far,
-        settings,
-        configuration.seed,
-        lambda done, loss: progress("flow", done / settings.updates),
-        timing,
-    )
+    flow = initial_flow(configuration.seed, paths[0].shape[-1], settings.couplings, settings.hidden)
     end = np.mean([q[-1] for q in prepared.joints.q], axis=0)
-    motion = hand_flow(fit.flow, points, targets, end, settings, policy, **taper)
+    motion = hand_flow(flow, points, targets, end, settings, policy, **taper)
     motion = led_along(motion, configuration, robot, prepared.joints.q, prepared.poses)
-    return FlowLearning(motion, fit, paths)
+    return FlowLesson(paths, far, timing, motion)
 
 
 def led_along(
@@ -93,7 +116,7 @@ def led_along(
 def check_turns(places: Sequence[np.ndarray], radius: float) -> None:
     """**Raises** `TrainingError` for hands, triangles [T, 3, 3] m, that turn farther than `HandPose` counts in full."""
     for i, place in enumerate(places):
-        R = np.asarray(jax.vmap(lambda points: axes_of(points, radius))(jnp.asarray(place)))
+        R = by_parts(partial(_axes, radius), place, _AT_ONCE)
         if not (degrees := np.degrees(rotation_angle(R @ R[-1].T)).max()) <= _MOST_TURNED:
             raise TrainingError(
                 f"demonstration {i}: the hand turns by {degrees:.0f} degrees from how it ends, and a flow knows up to "
@@ -106,8 +129,17 @@ def _hand(points: np.ndarray, targets: np.ndarray, turned: bool) -> np.ndarray:
     stacked = (points - targets).reshape(len(points), -1) / np.sqrt(len(targets))
     if not turned:
         return stacked
-    with jax.enable_x64(True):
-        return np.asarray(jax.jit(jax.vmap(HandPose(jnp.asarray(targets))))(jnp.asarray(stacked)))
+    return by_parts(partial(_posed, HandPose(targets)), stacked, _AT_ONCE)
+
+
+@quickly
+def _posed(pose: HandPose, stacked: jax.Array) -> jax.Array:
+    return jax.vmap(pose)(stacked)
+
+
+@quickly
+def _axes(radius: float, triangles: jax.Array) -> jax.Array:
+    return jax.vmap(lambda points: axes_of(points, radius))(triangles)
 
 
 def _anywhere(robot: Robot) -> np.ndarray:

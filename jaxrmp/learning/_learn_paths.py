@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
+from jax.tree_util import Partial
 
 from .._errors import ConfigurationError, DemonstrationError, FileWarning, TrainingError
 from .._task_map import Translation, compose
@@ -17,7 +18,7 @@ from ._configuration import FlowSettings
 from ._families import Families, families
 from ._flow_training import FlowFit, check_stretch, train_flow
 from ._measures import discrete_frechet, dtw_distance
-from ._reproduce import energy_increase, rollouts_of
+from ._reproduce import energy_increase, itself, rollouts_of
 
 _EXTENT = 0.5  # m: the settings of a flow are made for paths as large as this
 _TAPER = 0.06  # of the extent: within it the motion slows down
@@ -147,7 +148,7 @@ def learn_paths(
     policy = pullback(compose(Translation(jnp.asarray(origin, jnp.float32)), fit.flow), attractor)
     starts = origin + np.stack([path[0] for path in ended])
     dt = duration / _STEPS
-    rollouts = rollouts_of([policy] * len(starts), starts, 3 * _STEPS * dt, dt)
+    rollouts = rollouts_of(Partial(itself, policy), (), starts, 3 * _STEPS * dt, dt)
     reproductions = np.asarray(rollouts.q, float)[..., : len(goal)]
     finite = np.isfinite(rollouts.q).all((1, 2))
     if not finite.all():

@@ -1,14 +1,17 @@
 """Demonstrations as what learning starts from: control points in the object's frame."""
 
+from collections.abc import Sequence
 from functools import partial
 from typing import NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from .._errors import DemonstrationError
-from ..kinematics import Robot, forward_kinematics, frame_poses
+from .._pytree import pytree, static
+from ..kinematics import Robot, frame_poses
+from ..xla import quickly
+from ._by_parts import by_parts
 from ._closed_paths import check_paths
 from ._configuration import Configuration
 from ._demonstrations import Demonstration, DemonstrationSet
@@ -17,6 +20,16 @@ from ._hand_flow import triangle_round
 from ._preprocessing import Preprocessed, preprocess
 from ._skill import mean_pose
 from ._subtask_trajectories import SubtaskTrajectories, subtask_trajectories
+
+_AT_ONCE = 256  # postures in a call of what is compiled
+
+
+@pytree
+class _Frames:
+    """`names` of frames of a `robot`."""
+
+    robot: Robot
+    names: tuple[str, ...] = static()
 
 
 class PreparedDemonstrations(NamedTuple):
@@ -51,9 +64,7 @@ def prepare(configuration: Configuration, robot: Robot, demonstrations: Demonstr
     joints = preprocess(recorded, configuration.preprocessing)
     frames, offsets = control_point_frames(configuration)
     world_points = [control_points(robot, frames, offsets, q) for q in joints.q]
-    with jax.enable_x64(True):
-        rest = jnp.zeros(robot.num_joints)
-        T_world_base = np.asarray(forward_kinematics(robot, rest, configuration.base))
+    T_world_base = poses_along(robot, (configuration.base,), np.zeros((1, robot.num_joints)))[0, 0]
     tracked = bool(configuration.object and demonstrations.object_names)
     if tracked:
         tolerance = configuration.target.object_tolerance
@@ -133,15 +144,21 @@ def in_frame(points: np.ndarray, T: np.ndarray) -> np.ndarray:
     return (points - T[:3, 3]) @ T[:3, :3]
 
 
-@partial(jax.jit, static_argnums=2)
-def _poses(robot: Robot, q: jax.Array, frames: tuple[str, ...]) -> jax.Array:
-    return jax.vmap(lambda q: frame_poses(robot, q, frames))(q)
+@quickly
+def _poses(frames: _Frames, q: jax.Array) -> jax.Array:
+    return jax.vmap(lambda q: frame_poses(frames.robot, q, frames.names))(q)
+
+
+def poses_along(robot: Robot, frames: Sequence[str], q: np.ndarray) -> np.ndarray:
+    """Poses [T, K, 4, 4] of `frames` of `robot` in the world, along `q` [T, n]; **raises** `UnknownNameError`."""
+    distinct = tuple(dict.fromkeys(frames))
+    poses = by_parts(partial(_poses, _Frames(robot, distinct)), q, _AT_ONCE)
+    return poses[:, [distinct.index(name) for name in frames]]
 
 
 def control_points(robot: Robot, frames: tuple[str, ...], offsets: np.ndarray, q: np.ndarray) -> np.ndarray:
     """Positions [T, K, 3], m, in the world, of points at `offsets` [K, 3] in `frames` of `robot`, along `q` [T, n]."""
-    with jax.enable_x64(True):
-        poses = np.asarray(_poses(robot, jnp.asarray(np.asarray(q, float)), tuple(frames)))
+    poses = poses_along(robot, frames, q)
     return np.einsum("tkij,kj->tki", poses[:, :, :3, :3], offsets) + poses[:, :, :3, 3]
 
 
@@ -150,6 +167,5 @@ def demonstrated_end(prepared: PreparedDemonstrations, robot: Robot, frame: str)
 
     **Raises** `UnknownNameError` for a frame that is not there.
     """
-    with jax.enable_x64(True):
-        ends = [np.asarray(forward_kinematics(robot, q[-1], frame)) for q in prepared.joints.q]
+    ends = poses_along(robot, (frame,), np.stack([q[-1] for q in prepared.joints.q]))[:, 0]
     return mean_pose(np.stack([np.linalg.inv(T) @ end for T, end in zip(prepared.poses, ends, strict=True)]))

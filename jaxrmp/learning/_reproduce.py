@@ -1,18 +1,19 @@
 """Rolls a skill out from where each demonstration began, and measures how well it is reproduced."""
 
-from collections.abc import Sequence
+from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from .._errors import RolloutError
+from .._pytree import as_pytree, single
 from .._tree import Node
 from ..kinematics import Robot
 from ..simulation import Rollout, rollout
-from ._configuration import PolicySettings
+from ._configuration import Configuration, PolicySettings
 from ._measures import mean_errors, reproduction_errors, time_aligned_error, turn_errors
 from ._prepare import PreparedDemonstrations, control_points, in_frame
 from ._skill import Skill
@@ -58,11 +59,9 @@ def reproduce(
     **Returns** a `Reproduction`.
     **Raises** `RolloutError` if a rollout holds non-finite states, `RobotError` for another robot than the skill's.
     """
-    start = np.stack([q[0] for q in prepared.joints.q])
-    ends = prepared.subtasks.ends if own_targets else np.broadcast_to(skill.targets, prepared.subtasks.ends.shape)
-    trees = [skill.tree(robot, T, target) for T, target in zip(prepared.poses, ends, strict=True)]
+    skill.check_robot(robot)
     seconds = rollout_duration(skill.configuration.policy, prepared) if duration is None else duration
-    rollouts = rollouts_of(trees, start, seconds, dt)
+    rollouts = rollouts_of(*_reproduced(skill, robot, prepared, own_targets), seconds, dt)
     finite = np.isfinite(rollouts.q).all((1, 2)) & np.isfinite(rollouts.qd).all((1, 2))
     if not finite.all():
         raise RolloutError(
@@ -93,6 +92,24 @@ def reproduce(
     return Reproduction(rollouts, np.stack(points), tuple(errors))
 
 
+def compile_ahead(
+    skill: Skill, robot: Robot, prepared: PreparedDemonstrations, duration: float, dt: float = 0.005
+) -> None:
+    """Compile what `reproduce` runs, whose arguments these are; of the `skill` only the structure and shapes count."""
+    _rollouts.lower(*_arguments(*_reproduced(skill, robot, prepared, True)), duration=duration, dt=dt).compile()
+
+
+def _reproduced(
+    skill: Skill, robot: Robot, prepared: PreparedDemonstrations, own_targets: bool
+) -> tuple[Any, Any, Any]:
+    """The arguments of `rollouts_of`."""
+    ends = prepared.subtasks.ends if own_targets else np.broadcast_to(skill.targets, prepared.subtasks.ends.shape)
+    # Its policy does not depend on these, which would make another program of each skill.
+    bare = replace(skill, configuration=Configuration("any", skill.configuration.subtasks), source="any")
+    policy = jax.tree_util.Partial(Skill.tree, bare, robot)
+    return policy, (prepared.poses, ends), np.stack([q[0] for q in prepared.joints.q])
+
+
 def _turn_errors(skill: Skill, robot: Robot, demonstrated: np.ndarray, rolled: np.ndarray) -> dict[str, float | None]:
     """What `turn_errors` measures of joints [T, n] and [S, n], None where the skill knows nothing of turns."""
     if not skill.turned:
@@ -119,25 +136,26 @@ def energy_increase(energy: np.ndarray) -> float:
     return float(max(np.diff(energy).max(), 0) / span) if span > 0 else 0.0
 
 
-def rollouts_of(trees: Sequence[Node], starts: np.ndarray, duration: float = 20.0, dt: float = 0.005) -> Rollout:
-    """Rollouts of N like `trees`, each from one of `starts` [N, n] at rest, with a leading axis of N."""
-    structure = jax.tree.structure(trees[0])
-    columns = zip(*(map(np.asarray, jax.tree.leaves(tree)) for tree in trees), strict=True)
-    # What all have in common is no batch, but the same numbers for all.
-    parts = [column[0] if all(np.array_equal(column[0], a) for a in column) else np.stack(column) for column in columns]
-    axes = tuple(
-        None if part.ndim == np.ndim(a) else 0 for part, a in zip(parts, jax.tree.leaves(trees[0]), strict=True)
-    )
-    single = [jnp.asarray(part, jnp.float32) for part in parts]
-    found = _rollouts(
-        single, jnp.asarray(starts, jnp.float32), structure=structure, axes=axes, duration=duration, dt=dt
-    )
-    return jax.tree.map(np.asarray, found)
+def rollouts_of(
+    policy: Callable[..., Node], places: tuple[Any, ...], starts: np.ndarray, duration: float = 20.0, dt: float = 0.005
+) -> Rollout:
+    """Rollouts of N policies alike, each from one of `starts` [N, n] at rest, with a leading axis of N.
+
+    **Arguments**: `policy`, from one of each of `places`, arrays [N, ...], to a node on joint space: a function, or a
+    `jax.tree_util.Partial` of one with what all have in common, whose numbers are parameters of one compiled program.
+    """
+    return jax.tree.map(np.asarray, _rollouts(*_arguments(policy, places, starts), duration=duration, dt=dt))
 
 
-@partial(jax.jit, static_argnames=("structure", "axes", "duration", "dt"))
-def _rollouts(parts, start: jax.Array, *, structure, axes, duration: float, dt: float) -> Rollout:
-    def one(parts, q):
-        return rollout(jax.tree.unflatten(structure, parts), q, duration=duration, dt=dt)
+def _arguments(policy: Callable[..., Node], places: tuple[Any, ...], starts: np.ndarray) -> tuple[Any, Any, Any]:
+    return single(as_pytree(policy)), single(places), single(starts)
 
-    return jax.vmap(one, in_axes=(list(axes), 0))(parts, start)
+
+@partial(jax.jit, static_argnames=("duration", "dt"))
+def _rollouts(policy, places, starts, *, duration: float, dt: float) -> Rollout:
+    return jax.vmap(lambda place, q: rollout(policy(*place), q, duration=duration, dt=dt))(places, starts)
+
+
+def itself(policy: Node) -> Node:
+    """A policy that is the same everywhere, for `rollouts_of`."""
+    return policy

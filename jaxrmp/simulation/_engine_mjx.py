@@ -1,7 +1,6 @@
 """Many rollouts in MJX: policy and physics in one compiled program, on whatever devices there are."""
 
 import contextlib
-import functools
 import io
 import logging
 from typing import Any, NamedTuple
@@ -12,24 +11,17 @@ import numpy as np
 
 from .._errors import importing
 from ..scenes import Scene
+from ..xla import WITHOUT_EMITTERS, known_options
 from ._computed_torque import ArmDynamics, computed_torque, within_velocity_limits
 from ._devices import Devices
 from ._judge import End, Problem, StopCriteria, Track, judged
 from ._step import command
 
 
-@functools.cache
 def mjx_compiler_options() -> dict[str, bool]:
     """What `jax.jit(..., compiler_options=...)` needs for programs with MJX in them: nothing but on a CPU whose jaxlib
     is older than 0.11, where MJX without `xla_cpu_use_fusion_emitters=False` takes some 200 times as long."""
-    if jax.default_backend() != "cpu":
-        return {}
-    options = {"xla_cpu_use_fusion_emitters": False}
-    try:
-        jax.jit(lambda x: x, compiler_options=options).lower(0).compile()
-    except jax.errors.JaxRuntimeError:  # a jaxlib that does not know it, and needs it no more
-        return {}
-    return options
+    return known_options(**WITHOUT_EMITTERS)
 
 
 class MjxState(NamedTuple):

@@ -1,12 +1,16 @@
 """The switch: with the machinery, or the mathematics as written."""
 
+import functools
 import os
+from collections.abc import Callable
 from contextlib import AbstractContextManager
-from typing import Any
+from typing import Any, TypeVar
 
 import jax
 
 from .._errors import UnknownNameError
+
+T = TypeVar("T")
 
 _given = os.environ.get("JAXRMP_XLA", "on")
 UnknownNameError.check("value of the environment variable JAXRMP_XLA", _given, ("on", "off"))
@@ -30,6 +34,24 @@ def machinery(on: bool) -> AbstractContextManager[None]:
     0
     """
     return _on(bool(on))
+
+
+def as_here(function: Callable[..., T]) -> Callable[..., T]:
+    """`function`, to be called in another thread, where the switch and JAX's precision are to be what they are here.
+
+    >>> from concurrent.futures import ThreadPoolExecutor
+    >>> with machinery(False), ThreadPoolExecutor(1) as beside:
+    ...     beside.submit(is_on).result(), beside.submit(as_here(is_on)).result()
+    (True, False)
+    """
+    on, double = is_on(), jax.config.read("jax_enable_x64")
+
+    @functools.wraps(function)
+    def called(*arguments, **options):
+        with machinery(on), jax.enable_x64(double):
+            return function(*arguments, **options)
+
+    return called
 
 
 _alone: Any = jax.make_user_context(False)

@@ -260,6 +260,20 @@ def test_what_no_flow_can_be_trained_for_is_said_and_the_papers_method_takes_ove
     assert learned.skill.method == "paper" and learned.why.startswith("no flow passes: ")
 
 
+def test_what_judges_a_flow_is_compiled_once_and_before(door, caplog):
+    few = {"flow.updates": 20, "flow.couplings": 3, "seed": 3}
+    configuration = load_configuration(CONFIGS / "door_reaching.toml", FEW | few)
+    with caplog.at_level("DEBUG", "jax._src.dispatch"):
+        learned = learn(configuration, panda(), door)
+    compiled = [r for r in caplog.records if r.getMessage().startswith("Finished XLA compilation of jit(_rollouts)")]
+    assert [r.threadName == "MainThread" for r in compiled] == [False]
+    caplog.clear()
+    with caplog.at_level("DEBUG", "jax._src.dispatch"):
+        again = reproduce(replace(learned.skill, source="elsewhere"), panda(), learned.prepared)
+    assert not [r for r in caplog.records if "jit(_rollouts)" in r.getMessage()]
+    np.testing.assert_array_equal(again.points, learned.reproduction.points)
+
+
 def test_the_pose_of_a_hand_and_where_its_turn_no_longer_counts():
     with jax.enable_x64(True):
         corners, _ = hand_points(("hand",) * 3, np.array([[0.0, 0, 0.2], [0.03, 0, 0.203], [-0.03, 0, 0.203]]), 0.15)

@@ -6,7 +6,6 @@ import logging
 from dataclasses import replace
 from pathlib import Path
 
-import jax
 import numpy as np
 import pytest
 
@@ -28,11 +27,11 @@ def drawer():
 def test_each_is_left_out_in_turn_and_programs_are_compiled_once(drawer, caplog):
     """No object is tracked: the frame of each fold is its own, and the one left out is seen from there."""
     configuration = load_configuration(CONFIGS / "drawer_closing.toml", FEW)
-    with caplog.at_level(logging.WARNING), jax.log_compiles():
+    with caplog.at_level(logging.DEBUG, "jax._src.interpreters.pxla"):  # in all threads
         found = validate(configuration, panda(), drawer)
     compiled = collections.Counter(r.args[0] for r in caplog.records if r.msg.startswith("Compiling"))
-    assert compiled["jit(_updates)"] == 1 and compiled["jit(_carried)"] == 2  # of one way, and of all
-    assert compiled["jit(_rollouts)"] == 3  # freely, as trained, and of one alone
+    assert compiled["jit(_updates)"] == 1 and compiled["jit(_carried)"] == 1
+    assert compiled["jit(_rollouts)"] == 2  # of all that are learned from, and of one alone
     assert [fold.left_out for fold in found.folds] == [0, 1, 2] and found.passed == 3
     assert found.held_out["dtw_cm"] == pytest.approx(np.mean([fold.held_out["dtw_cm"] for fold in found.folds]))
     assert found.training["goal_cm"] < 1 and found.held_out["goal_cm"] < 1  # to where that one ended
