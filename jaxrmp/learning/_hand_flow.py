@@ -10,64 +10,20 @@ import numpy as np
 from .._linalg import einsum, length, matmul
 from .._pytree import pytree, single, static
 from .._rotations import nearest_rotation
-from .._task_map import Pushforward, RigidTransform, TaskMap, Translation, compose, pushforward
+from .._task_map import Pushforward, RigidTransform, TaskMap, Translation, compose
 from .._tree import Node, Sum, on_coordinates, pullback
 from ..kinematics import ControlPoints, Robot
 from ..leaves import CruisingAttractor, Funnel
 from ._configuration import FlowSettings, PolicySettings
 from ._flow import Flow
+from ._hand_maps import BeyondTurn, HandPose, HandTurn, Stacked, axes_of, turn_levers
 
 _DAMPING = 0.02  # of inverse kinematics, m (and rad), so that near a singularity joints stay where they are
 _PACE = 5.0  # rad/m: how fast the funnel moves joints, by the hand's speed
-_LEVER = 0.8  # of a triangle's radius: how far its corners are from axes in its plane and across, in the mean
-_EDGE = 0.38  # cosine of half the largest turn that counts in full, 135 degrees
 _MARGIN = 0.05  # rad or m that moved postures keep from limits
-
-
-@pytree
-class Stacked(TaskMap):
-    """The points [K, 3] that `points` gives, as one vector [3 K] over sqrt(K): its length is their mean distance."""
-
-    points: TaskMap
-
-    def __call__(self, x):
-        y = self.points(x)
-        return y.reshape(-1) * len(y) ** -0.5
-
-    def pushforward(self, x, xd):
-        y, yd, J, c = pushforward(self.points, x, xd)
-        k = len(y) ** -0.5
-        return Pushforward(k * y.reshape(-1), k * yd.reshape(-1), k * J.reshape(-1, J.shape[-1]), k * c.reshape(-1))
-
-
-@pytree
-class HandPose(TaskMap):
-    """Where a rigid hand is and how it is turned [6], m, from the stacked points [9] of a triangle on it.
-
-    First the middle of the triangle, less that of `targets` [3, 3], m; then its turn away from theirs by an angle, as
-    a vector along the axis, four times the tangent of a quarter of the angle, times `_LEVER` of the triangle's radius.
-    Beyond 135 degrees that is led back, smoothly, to zero at 180: there the turn does not count, so that energies have
-    no step where an axis changes its sign. `Stacked` says how far the points are from the `targets`.
-    """
-
-    targets: jax.Array
-
-    def __call__(self, x):
-        targets = jnp.asarray(self.targets, x.dtype)
-        points = len(targets) ** 0.5 * x.reshape(targets.shape) + targets
-        radius = length(targets[0] - targets.mean(0))
-        R = matmul(axes_of(points, radius), axes_of(targets, radius).T)
-        w = jnp.sqrt(jnp.maximum((1 + jnp.trace(R)) / 4, 1e-10))  # the quaternion's real part
-        t = w / _EDGE
-        share = jnp.where(t < 1, t * t * (10 + t * (6 * t - 15)) / _EDGE, 1 / w)
-        turn = jnp.stack([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
-        return jnp.concatenate([points.mean(0) - targets.mean(0), _LEVER * radius * share / (1 + w) * turn])
-
-
-def axes_of(triangle: jax.Array, radius: jax.Array) -> jax.Array:
-    """The axes of an equilateral triangle [3, 3] as columns: to its first corner, along its opposite side, across."""
-    x, y = triangle[0] - triangle.mean(0), (triangle[1] - triangle[2]) / 3**0.5
-    return jnp.stack([x / radius, y / radius, jnp.cross(x, y) / radius**2], axis=1)
+_AXES = 500  # of turns along which a flow is looked at where its coordinates end
+_OUTWEIGHS = 1.5  # by how much what leads back from there outweighs it
+_ROUNDED = 0.01  # m, within which that begins
 
 
 @pytree
@@ -76,9 +32,10 @@ class HandFlow:
 
     `offsets` [P, 3], m, points in the first of the skill's frames that stand for the hand, and `targets` [P, 3] where
     they go, in the object's frame, m; if `turned`, a triangle, which says how the hand is turned, else the skill's
-    control points. `hands` [S + 1, P, 3], m, where these points are in the world, in the postures of the funnel and
-    last at the joints' end; `moves` [S + 1, n, 3 P], how joints follow a small motion of them: both for an object at
-    the skill's `T_world_object`.
+    control points. A flow `of_turn` knows of the triangle's turn alone, and has `beyond`, which leads back along the
+    shortest rotation what is turned by more than its coordinates reach. `hands` [S + 1, P, 3], m, where these points
+    are in the world, in the postures of the funnel and last at the joints' end; `moves` [S + 1, n, 3 P], how joints
+    follow a small motion of them: both for an object at the skill's `T_world_object`.
     """
 
     flow: Flow
@@ -90,23 +47,37 @@ class HandFlow:
     hands: jax.Array
     moves: jax.Array
     turned: bool = static()
+    beyond: Funnel | None = None
+
+    @property
+    def of_turn(self) -> bool:
+        """Whether it moves how the hand is turned alone, and not where it is."""
+        return self.turned and self.flow.back.shape[-1] == 3
 
     def task_map(self, robot: Robot, frames: tuple[str, ...], T: jax.Array, targets: jax.Array | None) -> TaskMap:
         """From joint positions [n] of `robot` to the space of the flow, the target at zero.
 
         **Arguments**: `frames`, the skill's; `T` [4, 4], where the object is; `targets` [P, 3] instead of its own.
         """
-        frames = frames[:1] * len(self.offsets) if self.turned else frames
         targets = self.targets if targets is None else targets
-        points = Stacked(compose(ControlPoints(robot, frames, self.offsets), RigidTransform(T), Translation(targets)))
+        points = self._points(robot, frames, T, targets)
         if self.flow.back.shape[-1] == self.offsets.size:  # skills of version 5 have triangles stacked as well
             return points
-        return compose(points, HandPose(targets))
+        return compose(points, HandTurn(targets) if self.of_turn else HandPose(targets))
 
     def leaf(self, robot: Robot, frames: tuple[str, ...], T: jax.Array, targets: jax.Array | None = None) -> Node:
         """The learned policy as a node on the joint space of `robot`, the object at `T` [4, 4]; the rest, `frames` and
         `targets`, as in `task_map`."""
-        return pullback(compose(self.task_map(robot, frames, T, targets), self.flow), self.attractor)
+        node = pullback(compose(self.task_map(robot, frames, T, targets), self.flow), self.attractor)
+        if self.beyond is None:
+            return node
+        targets = self.targets if targets is None else targets
+        return node + pullback(compose(self._points(robot, frames, T, targets), BeyondTurn(targets)), self.beyond)
+
+    def _points(self, robot: Robot, frames: tuple[str, ...], T: jax.Array, targets: jax.Array) -> TaskMap:
+        """From joint positions to its points, stacked, the `targets` at zero."""
+        frames = frames[:1] * len(self.offsets) if self.turned else frames
+        return Stacked(compose(ControlPoints(robot, frames, self.offsets), RigidTransform(T), Translation(targets)))
 
     def on_joints(
         self,
@@ -156,7 +127,10 @@ class HandFlow:
         hand = {"speed": jnp.asarray(speed, jnp.float32), "damping_rate": jnp.asarray(damping_rate, jnp.float32)}
         joints = hand | {"speed": _PACE * hand["speed"]}
         funnel, posture = (leaf and replace(leaf, **joints) for leaf in (self.funnel, self.posture))
-        return replace(self, attractor=replace(self.attractor, **hand), funnel=funnel, posture=posture)
+        faster = hand | {"speed": hand["speed"] / self.attractor.speed}
+        beyond = self.beyond and replace(self.beyond, **faster | {"speed": faster["speed"] * self.beyond.speed})
+        attractor = replace(self.attractor, **hand)
+        return replace(self, attractor=attractor, funnel=funnel, posture=posture, beyond=beyond)
 
 
 def hand_points(frames: tuple[str, ...], offsets: np.ndarray, circumradius: float) -> tuple[np.ndarray, bool]:
@@ -200,7 +174,31 @@ def hand_flow(
     posture = Funnel(end[None], 0.0, 0.0, settings.posture, **joints, name="posture") if settings.posture else None
     attractor = CruisingAttractor(np.zeros(flow.back.shape[-1]), **gains, **latent, name="learned")
     moves = np.zeros((2, len(end), offsets.size))
-    return HandFlow(flow, attractor, funnel, posture, offsets, targets, np.zeros((2, *offsets.shape)), moves, turned)
+    found = HandFlow(flow, attractor, funnel, posture, offsets, targets, np.zeros((2, *offsets.shape)), moves, turned)
+    return replace(found, beyond=_leading_back(flow, attractor, settings)) if found.of_turn else found
+
+
+def _leading_back(flow: Flow, attractor: CruisingAttractor, settings: FlowSettings) -> Funnel:
+    """What leads a hand back that is turned beyond the coordinates of `flow`, behind which is `attractor`.
+
+    There its coordinates go to zero, and the flow's energy falls towards a half turn. The slope of this outweighs that
+    on turns about `_AXES` random axes, so that the energy of both has no place of rest but at the half turns, where it
+    is highest.
+    """
+    axes = np.random.default_rng(0).normal(size=(_AXES, 3))
+    axes = axes / np.linalg.norm(axes, axis=1, keepdims=True)
+    inside, outside = turn_levers(settings.circumradius, np.linspace(138, 179.9, 200))  # where it begins to fall
+    turns = jnp.asarray(axes[:, None] * inside[:, None], jnp.float32)
+    radius = np.linalg.norm(np.asarray(jax.jit(jax.vmap(jax.vmap(flow)))(turns), float), axis=-1)
+    fall, rise = -np.diff(_well(radius, float(attractor.taper))), np.diff(_well(outside, _ROUNDED))
+    speed = _OUTWEIGHS * max(float((fall / rise).max()), 1.0) * attractor.speed
+    gains = {"speed": speed, "damping_rate": attractor.damping_rate, "taper": _ROUNDED}
+    return Funnel(np.zeros((1, 1)), 0.0, 0.0, attractor.weight, **gains, name="half_turn")
+
+
+def _well(distance: np.ndarray, taper: float) -> np.ndarray:
+    """`taper log cosh(distance / taper)`."""
+    return distance + taper * (np.log1p(np.exp(-2 * distance / taper)) - np.log(2))
 
 
 def along_ways(
@@ -220,23 +218,25 @@ def along_ways(
     points = ControlPoints(robot, frames[:1] * len(motion.offsets) if motion.turned else frames, motion.offsets)
     followed, left = [], []
     for way, pose in zip(ways, poses, strict=True):
-        hands, moves = _hands(points, way)
+        hands, moves = _hands(points, way, motion.of_turn)
         moved = _placed_at(_seen_from(jnp.asarray(hands), pose), T)
         followed.append(np.asarray(_followed(jnp.asarray(way), hands, moved, moves), float))
         steps = np.linalg.norm(np.diff(way, axis=0), axis=1)
         left.append(lead * np.append(np.cumsum(steps[::-1])[::-1], 0.0))
     postures = np.concatenate(followed)
     end = followed[0][-1:] if motion.posture is None else np.asarray(motion.posture.postures, float)
-    hands, moves = _hands(points, np.concatenate([postures, end]))
+    hands, moves = _hands(points, np.concatenate([postures, end]), motion.of_turn)
     funnel = motion.funnel and replace(motion.funnel, postures=postures, left=np.concatenate(left))
     return single(replace(motion, funnel=funnel, hands=hands, moves=moves))
 
 
-def _hands(points: ControlPoints, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Where `points` are [S, P, 3] at `q` [S, n], and damped inverses [S, n, 3 P] of their Jacobians."""
+def _hands(points: ControlPoints, q: np.ndarray, of_turn: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Where `points` are [S, P, 3] at `q` [S, n], and damped inverses [S, n, 3 P] of their Jacobians; `of_turn`, of
+    those about their middle, so that where they are does not matter."""
     with jax.enable_x64(True):
         carried = _carried(points, jnp.asarray(q, float))
-        hands, J = np.asarray(carried.y), np.asarray(carried.J)
+        hands, J = np.asarray(carried.y), np.asarray(carried.J).reshape(*carried.y.shape, q.shape[1])
+    J = J - J.mean(1, keepdims=True) if of_turn else J
     J = J.reshape(len(q), -1, q.shape[1])
     A = J @ np.swapaxes(J, 1, 2) + _DAMPING**2 * np.eye(J.shape[1])
     return hands, np.swapaxes(J, 1, 2) @ np.linalg.inv(A)

@@ -14,7 +14,8 @@ from ..kinematics import Robot
 from ._arc_length import resample_by_arc_length
 from ._configuration import Configuration
 from ._flow_training import FlowFit, Timing, train_flow
-from ._hand_flow import HandFlow, HandPose, along_ways, axes_of, hand_flow, hand_points
+from ._hand_flow import HandFlow, along_ways, hand_flow, hand_points
+from ._hand_maps import HandPose, HandTurn, axes_of
 from ._prepare import PreparedDemonstrations, control_point_frames, control_points, in_frame
 from ._skill import mean_pose, rigid_targets
 from ._tempo import demonstrated_tempo, radii
@@ -56,11 +57,12 @@ def learn_flow(
     places = [
         in_frame(control_points(robot, frames, offsets, q), pose) for q, pose in zip(ways, prepared.poses, strict=True)
     ]
-    paths = tuple(_hand(place, place[-1], turned) for place in places)
     if turned:
         check_turns(places, settings.circumradius)
+    chart = (HandTurn if configuration.of_turn else HandPose) if turned else None
+    paths = tuple(_hand(place, place[-1], chart) for place in places)
     targets = rigid_targets(offsets, frames, np.stack([place[-1] for place in places]))
-    far = _hand(in_frame(control_points(robot, frames, offsets, _anywhere(robot)), T), targets, turned)
+    far = _hand(in_frame(control_points(robot, frames, offsets, _anywhere(robot)), T), targets, chart)
     policy, timing = configuration.policy, None
     taper = {}
     if times is not None:
@@ -91,7 +93,7 @@ def led_along(
 
 
 def check_turns(places: Sequence[np.ndarray], radius: float) -> None:
-    """**Raises** `TrainingError` for hands, triangles [T, 3, 3] m, that turn farther than `HandPose` counts in full."""
+    """**Raises** `TrainingError` for hands, triangles [T, 3, 3] m, that turn farther than `HandTurn` counts in full."""
     for i, place in enumerate(places):
         R = np.asarray(jax.vmap(lambda points: axes_of(points, radius))(jnp.asarray(place)))
         if not (degrees := np.degrees(rotation_angle(R @ R[-1].T)).max()) <= _MOST_TURNED:
@@ -101,13 +103,13 @@ def check_turns(places: Sequence[np.ndarray], radius: float) -> None:
             )
 
 
-def _hand(points: np.ndarray, targets: np.ndarray, turned: bool) -> np.ndarray:
-    """Points of the hand [T, P, 3] in the space of the flow [T, m], `targets` [P, 3] at zero."""
+def _hand(points: np.ndarray, targets: np.ndarray, chart: type[HandPose] | type[HandTurn] | None) -> np.ndarray:
+    """Points of the hand [T, P, 3] in the space of the flow [T, m], `targets` [P, 3] at zero; by `chart`, if any."""
     stacked = (points - targets).reshape(len(points), -1) / np.sqrt(len(targets))
-    if not turned:
+    if chart is None:
         return stacked
     with jax.enable_x64(True):
-        return np.asarray(jax.jit(jax.vmap(HandPose(jnp.asarray(targets))))(jnp.asarray(stacked)))
+        return np.asarray(jax.jit(jax.vmap(chart(jnp.asarray(targets))))(jnp.asarray(stacked)))
 
 
 def _anywhere(robot: Robot) -> np.ndarray:

@@ -34,6 +34,7 @@ _FLOW_LEAVES = {
     "attractor": (CruisingAttractor, {"name": "learned"}),
     "funnel": (Funnel, {}),
     "posture": (Funnel, {"name": "posture"}),
+    "beyond": (Funnel, {"name": "half_turn"}),
 }
 _NETWORK = ("dimension", "hidden", "activation", "offset")
 
@@ -176,7 +177,7 @@ def _flow_from(structure: dict[str, Any], left: dict[str, Any]) -> HandFlow:
     if (
         flow.couplings.rotation.shape[1:] != (m, m)
         or motion.offsets.shape != motion.targets.shape
-        or m not in (motion.offsets.size, 6)
+        or m not in (motion.offsets.size, 6, *(3,) * motion.turned)
     ):
         raise SkillFileError(f"a flow of {m} coordinates for offsets of shape {motion.offsets.shape}.")
     return motion
