@@ -154,9 +154,9 @@ class PolicySettings:
 class Configuration:
     """Everything that `learn` needs besides the demonstrations.
 
-    `name` of the skill; `subtasks`, its control points, or one pose or orientation of a hand; `robot`, "panda" or the path of an MJCF
-    or URDF file; `recording`, what the files of demonstrations leave open; `poses`, how the robot follows them where
-    they have no joints; `fixed_joints`, joints of that file that stay at a value;
+    `name` of the skill; `subtasks`, its control points, or one pose or orientation of a hand; `robot`, "panda" or the
+    path of an MJCF or URDF file; `recording`, what the files of demonstrations leave open; `poses`, how the robot
+    follows them where they have no joints; `fixed_joints`, joints of that file that stay at a value;
     `base`, the frame of the robot in which object poses were recorded; `object`, the tracked object whose frame the
     skill lives in, empty for the axes of `base` at the mean final position of the first control point; `seed`, of all
     that is random; `method`, "flow", "paper" or "auto", see `learn`; `preprocessing`, `target`, `flow`, `potential`,

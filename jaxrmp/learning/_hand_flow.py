@@ -10,20 +10,20 @@ import numpy as np
 from .._linalg import einsum, length, matmul
 from .._pytree import pytree, single, static
 from .._rotations import nearest_rotation
-from .._task_map import Pushforward, RigidTransform, TaskMap, Translation, compose
+from .._task_map import Pushforward, RigidTransform, TaskMap, Translation, compose, stack
 from .._tree import Node, Sum, on_coordinates, pullback
 from ..kinematics import ControlPoints, Robot
 from ..leaves import CruisingAttractor, Funnel
 from ._configuration import FlowSettings, PolicySettings
 from ._flow import Flow
-from ._hand_maps import BeyondTurn, HandPose, HandTurn, Stacked, axes_of, turn_levers
+from ._hand_maps import BeyondTurn, HandPose, HandTurn, Stacked, axes_of, turn_lengths
+from ._turn_attractor import TurnAttractor
 
 _DAMPING = 0.02  # of inverse kinematics, m (and rad), so that near a singularity joints stay where they are
 _PACE = 5.0  # rad/m: how fast the funnel moves joints, by the hand's speed
 _MARGIN = 0.05  # rad or m that moved postures keep from limits
-_AXES = 500  # of turns along which a flow is looked at where its coordinates end
-_OUTWEIGHS = 1.5  # by how much what leads back from there outweighs it
-_ROUNDED = 0.01  # m, within which that begins
+_AXES = 500  # of turns along which a flow is looked at where its coordinates fade
+_FADING = 130.0, 165.0  # degrees, where that is
 
 
 @pytree
@@ -32,14 +32,14 @@ class HandFlow:
 
     `offsets` [P, 3], m, points in the first of the skill's frames that stand for the hand, and `targets` [P, 3] where
     they go, in the object's frame, m; if `turned`, a triangle, which says how the hand is turned, else the skill's
-    control points. A flow `of_turn` knows of the triangle's turn alone, and has `beyond`, which leads back along the
-    shortest rotation what is turned by more than its coordinates reach. `hands` [S + 1, P, 3], m, where these points
-    are in the world, in the postures of the funnel and last at the joints' end; `moves` [S + 1, n, 3 P], how joints
-    follow a small motion of them: both for an object at the skill's `T_world_object`.
+    control points. A flow `of_turn` knows of the triangle's turn alone, and has an attractor that fades where
+    coordinates of turns do. `hands` [S + 1, P, 3], m, where these points are in the world, in the postures of the
+    funnel and last at the joints' end; `moves` [S + 1, n, 3 P], how joints follow a small motion of them: both for an
+    object at the skill's `T_world_object`.
     """
 
     flow: Flow
-    attractor: CruisingAttractor
+    attractor: CruisingAttractor | TurnAttractor
     funnel: Funnel | None
     posture: Funnel | None
     offsets: jax.Array
@@ -47,12 +47,11 @@ class HandFlow:
     hands: jax.Array
     moves: jax.Array
     turned: bool = static()
-    beyond: Funnel | None = None
 
     @property
     def of_turn(self) -> bool:
         """Whether it moves how the hand is turned alone, and not where it is."""
-        return self.turned and self.flow.back.shape[-1] == 3
+        return isinstance(self.attractor, TurnAttractor)
 
     def task_map(self, robot: Robot, frames: tuple[str, ...], T: jax.Array, targets: jax.Array | None) -> TaskMap:
         """From joint positions [n] of `robot` to the space of the flow, the target at zero.
@@ -68,11 +67,11 @@ class HandFlow:
     def leaf(self, robot: Robot, frames: tuple[str, ...], T: jax.Array, targets: jax.Array | None = None) -> Node:
         """The learned policy as a node on the joint space of `robot`, the object at `T` [4, 4]; the rest, `frames` and
         `targets`, as in `task_map`."""
-        node = pullback(compose(self.task_map(robot, frames, T, targets), self.flow), self.attractor)
-        if self.beyond is None:
-            return node
+        if not self.of_turn:
+            return pullback(compose(self.task_map(robot, frames, T, targets), self.flow), self.attractor)
         targets = self.targets if targets is None else targets
-        return node + pullback(compose(self._points(robot, frames, T, targets), BeyondTurn(targets)), self.beyond)
+        turn = stack(compose(HandTurn(targets), self.flow), BeyondTurn(targets))
+        return pullback(compose(self._points(robot, frames, T, targets), turn), self.attractor)
 
     def _points(self, robot: Robot, frames: tuple[str, ...], T: jax.Array, targets: jax.Array) -> TaskMap:
         """From joint positions to its points, stacked, the `targets` at zero."""
@@ -127,10 +126,7 @@ class HandFlow:
         hand = {"speed": jnp.asarray(speed, jnp.float32), "damping_rate": jnp.asarray(damping_rate, jnp.float32)}
         joints = hand | {"speed": _PACE * hand["speed"]}
         funnel, posture = (leaf and replace(leaf, **joints) for leaf in (self.funnel, self.posture))
-        faster = hand | {"speed": hand["speed"] / self.attractor.speed}
-        beyond = self.beyond and replace(self.beyond, **faster | {"speed": faster["speed"] * self.beyond.speed})
-        attractor = replace(self.attractor, **hand)
-        return replace(self, attractor=attractor, funnel=funnel, posture=posture, beyond=beyond)
+        return replace(self, attractor=replace(self.attractor, **hand), funnel=funnel, posture=posture)
 
 
 def hand_points(frames: tuple[str, ...], offsets: np.ndarray, circumradius: float) -> tuple[np.ndarray, bool]:
@@ -173,27 +169,20 @@ def hand_flow(
     funnel = Funnel(nowhere, np.zeros(1), settings.funnel, **radii, **joints) if settings.funnel else None
     posture = Funnel(end[None], 0.0, 0.0, settings.posture, **joints, name="posture") if settings.posture else None
     attractor = CruisingAttractor(np.zeros(flow.back.shape[-1]), **gains, **latent, name="learned")
+    if turned and flow.back.shape[-1] == 3:
+        top = _highest(flow, settings.circumradius, float(attractor.taper))
+        attractor = TurnAttractor(top, **gains, **latent, length=settings.circumradius, name="learned")
     moves = np.zeros((2, len(end), offsets.size))
-    found = HandFlow(flow, attractor, funnel, posture, offsets, targets, np.zeros((2, *offsets.shape)), moves, turned)
-    return replace(found, beyond=_leading_back(flow, attractor, settings)) if found.of_turn else found
+    return HandFlow(flow, attractor, funnel, posture, offsets, targets, np.zeros((2, *offsets.shape)), moves, turned)
 
 
-def _leading_back(flow: Flow, attractor: CruisingAttractor, settings: FlowSettings) -> Funnel:
-    """What leads a hand back that is turned beyond the coordinates of `flow`, behind which is `attractor`.
-
-    There its coordinates go to zero, and the flow's energy falls towards a half turn. The slope of this outweighs that
-    on turns about `_AXES` random axes, so that the energy of both has no place of rest but at the half turns, where it
-    is highest.
-    """
+def _highest(flow: Flow, circumradius: float, taper: float) -> float:
+    """The most that the well behind `flow` is, m, on turns about `_AXES` random axes where its coordinates fade."""
     axes = np.random.default_rng(0).normal(size=(_AXES, 3))
     axes = axes / np.linalg.norm(axes, axis=1, keepdims=True)
-    inside, outside = turn_levers(settings.circumradius, np.linspace(138, 179.9, 200))  # where it begins to fall
-    turns = jnp.asarray(axes[:, None] * inside[:, None], jnp.float32)
-    radius = np.linalg.norm(np.asarray(jax.jit(jax.vmap(jax.vmap(flow)))(turns), float), axis=-1)
-    fall, rise = -np.diff(_well(radius, float(attractor.taper))), np.diff(_well(outside, _ROUNDED))
-    speed = _OUTWEIGHS * max(float((fall / rise).max()), 1.0) * attractor.speed
-    gains = {"speed": speed, "damping_rate": attractor.damping_rate, "taper": _ROUNDED}
-    return Funnel(np.zeros((1, 1)), 0.0, 0.0, attractor.weight, **gains, name="half_turn")
+    turns = axes[:, None] * turn_lengths(circumradius, np.linspace(*_FADING, 15))[:, None]
+    y = np.asarray(jax.jit(jax.vmap(flow))(jnp.asarray(turns.reshape(-1, 3), jnp.float32)), float)
+    return float(_well(np.linalg.norm(y, axis=1), taper).max())
 
 
 def _well(distance: np.ndarray, taper: float) -> np.ndarray:

@@ -10,7 +10,8 @@ from .._task_map import Pushforward, TaskMap, pushforward
 
 _LEVER = 0.8  # of a triangle's radius: how far its corners are from axes in its plane and across, in the mean
 _EDGE = 0.38  # cosine of half the largest turn that counts in full, 135 degrees
-_BEYOND = 0.4226  # of half of that from where on a hand is led back, 130 degrees
+_BEYOND = 0.4226  # of half of that from where on turns alone fade, 130 degrees
+_ENDED = 0.07  # of half of that where they have, 172 degrees
 
 
 @pytree
@@ -49,19 +50,25 @@ class HandPose(TaskMap):
 
 @pytree
 class HandTurn(TaskMap):
-    """How a rigid hand is turned [3], m, wherever it is: the last three numbers of `HandPose`."""
+    """How a rigid hand is turned [3], m, wherever it is: as the last three numbers of `HandPose`, but not led back.
+
+    So it has a step at the half turns, before which `TurnAttractor` has faded, by `BeyondTurn`. From 172 degrees on
+    it is no longer than there.
+    """
 
     targets: jax.Array
 
     def __call__(self, x):
         targets = jnp.asarray(self.targets, x.dtype)
-        return _turn(_points(x, targets), targets)
+        R, radius = _relative(_points(x, targets), targets)
+        w = jnp.maximum(_real_part(R), _ENDED)
+        return _LEVER * radius / (w * (1 + w)) * _twice_the_sine(R)
 
 
 @pytree
 class BeyondTurn(TaskMap):
-    """How far a rigid hand is turned beyond where `HandTurn` ends [1], m, from the same points: exactly 0 up to 130
-    degrees from the `targets`, then rising with the angle alone to four levers at 180.
+    """How far a rigid hand is turned beyond what `HandTurn` is good for [1], from the same points: exactly 0 up to 130
+    degrees from the `targets`, then rising with the angle alone, to 1 at 180.
 
     Smooth on all rotations, with no axis in it: its slope leads along the shortest rotation, and is zero at the half
     turns, where there is none.
@@ -71,8 +78,8 @@ class BeyondTurn(TaskMap):
 
     def __call__(self, x):
         targets = jnp.asarray(self.targets, x.dtype)
-        R, radius = _relative(_points(x, targets), targets)
-        return 4 * _LEVER * radius * (1 - _step(jnp.minimum(_real_part(R) / _BEYOND, 1)))[None]
+        R, _ = _relative(_points(x, targets), targets)
+        return (1 - step(jnp.minimum(_real_part(R) / _BEYOND, 1)))[None]
 
 
 @pytree
@@ -83,13 +90,9 @@ class AboutMiddle(TaskMap):
         return x - x.mean(0)
 
 
-def turn_levers(circumradius: float, degrees: np.ndarray) -> np.ndarray:
-    """How long `HandTurn` is, and how long `BeyondTurn`, [2, S], m, at turns by `degrees` [S]."""
-    w = np.cos(np.deg2rad(degrees) / 2)
-    t = np.minimum(w / _EDGE, 1)
-    sine = np.sqrt(1 - w * w)
-    inside = np.where(w < _EDGE, _step(t), 1.0) * 4 * sine / (1 + w)
-    return _LEVER * circumradius * np.stack([inside, 4 * (1 - _step(np.minimum(w / _BEYOND, 1)))])
+def turn_lengths(circumradius: float, degrees: np.ndarray) -> np.ndarray:
+    """How long `HandTurn` is [S], m, at turns by `degrees` [S]."""
+    return 4 * _LEVER * circumradius * np.tan(np.deg2rad(degrees) / 4)
 
 
 def axes_of(triangle: jax.Array, radius: jax.Array) -> jax.Array:
@@ -114,7 +117,12 @@ def _real_part(R: jax.Array) -> jax.Array:
     return jnp.sqrt(jnp.maximum((1 + jnp.trace(R)) / 4, 1e-10))
 
 
-def _step(t):
+def _twice_the_sine(R: jax.Array) -> jax.Array:
+    """Twice the sine of the angle, along the axis [3]."""
+    return jnp.stack([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
+
+
+def step(t: jax.Array) -> jax.Array:
     """The quintic from 0 at 0 to 1 at 1."""
     return t**3 * (10 + t * (6 * t - 15))
 
@@ -124,5 +132,4 @@ def _turn(points: jax.Array, targets: jax.Array) -> jax.Array:
     w = _real_part(R)
     t = w / _EDGE
     share = jnp.where(t < 1, t * t * (10 + t * (6 * t - 15)) / _EDGE, 1 / w)
-    turn = jnp.stack([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
-    return _LEVER * radius * share / (1 + w) * turn
+    return _LEVER * radius * share / (1 + w) * _twice_the_sine(R)

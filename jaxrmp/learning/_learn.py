@@ -61,8 +61,8 @@ def learn(
     control point. With the configuration's `method = "auto"` by a flow, and where that does not pass, by the paper's,
     unless a subtask is a whole hand or the tempo is the demonstrated one. A flow passes if it stretches space nowhere
     on the demonstrations beyond what rollouts can follow, and if all of them, reproduced by the whole policy, end at
-    the goal, with an energy that does not rise. Before, a `FileWarning` says which demonstrations disagree, as `families` finds,
-    and of a tempo that is to be learned, when demonstrations pause, and for how long.
+    the goal, with an energy that does not rise. Before, a `FileWarning` says which demonstrations disagree, as
+    `families` finds, and of a tempo that is to be learned, when demonstrations pause, and for how long.
 
     **Arguments**: `configuration`; `robot`, with the demonstrations' joints in the same order; `demonstrations`;
     `progress`, called with the name of a step and the fraction of it that is done.
