@@ -13,6 +13,7 @@ from jaxrmp.kinematics import ControlPoints, FrameAxes, FrameRotation, PointsInF
 from jaxrmp.learning import initial_flow
 from jaxrmp.learning._flow import Flow
 from jaxrmp.learning._hand_maps import AboutMiddle, BeyondTurn, HandPose, HandTurn, Stacked
+from jaxrmp.learning._turn_attractor import TurnAttractor
 from jaxrmp.leaves import (
     Attractor,
     CollisionAvoidance,
@@ -63,6 +64,7 @@ LEAVES = {
     type(SYSTEM): (SYSTEM, (3,)),
     Attractor: (Attractor(np.ones(3)), (3,)),
     CruisingAttractor: (CruisingAttractor(np.ones(3), taper=0.5), (3,)),
+    TurnAttractor: (TurnAttractor(1.5, taper=0.5), (4,)),
     CollisionAvoidance: (CollisionAvoidance(reach=2.0, frequency=20.0), (3,)),
     Damping: (Damping(), (3,)),
     Detour: (Detour(2.0, reach=2.0, taper=0.5), (5,)),
