@@ -84,10 +84,16 @@ class BeyondTurn(TaskMap):
 
 @pytree
 class AboutMiddle(TaskMap):
-    """Points [K, 3] less their mean: where they are on the hand, and not where the hand is."""
+    """The points [K, 3] that `points` gives, less their mean: how they are turned, wherever they are."""
+
+    points: TaskMap
 
     def __call__(self, x):
-        return x - x.mean(0)
+        y = self.points(x)
+        return y - y.mean(0)
+
+    def pushforward(self, x, xd):
+        return Pushforward(*(part - part.mean(0) for part in pushforward(self.points, x, xd)))
 
 
 def turn_lengths(circumradius: float, degrees: np.ndarray) -> np.ndarray:

@@ -86,7 +86,7 @@ def reproduce(
         margin = np.minimum(rollouts.q[i] - np.asarray(robot.lower), np.asarray(robot.upper) - rollouts.q[i]).min()
         errors.append(
             {
-                **(dict.fromkeys(_PLACES) if skill.of_turn else reproduction_errors(demonstrated, path)),
+                **_place_errors(skill, demonstrated, path),
                 **_turn_errors(skill, robot, prepared.joints.q[i], rollouts.q[i]),
                 "energy_increase": energy_increase(rollouts.energy[i]),
                 "limit_margin_rad": float(margin),
@@ -94,6 +94,13 @@ def reproduce(
             }
         )
     return Reproduction(rollouts, np.stack(points), tuple(errors))
+
+
+def _place_errors(skill: Skill, demonstrated: np.ndarray, rolled: np.ndarray) -> dict[str, float | None]:
+    """What `reproduction_errors` measures of control points, None where the skill knows nothing of places."""
+    if skill.of_turn:
+        return dict.fromkeys(_PLACES)
+    return {**reproduction_errors(demonstrated, rolled)}
 
 
 def _turn_errors(skill: Skill, robot: Robot, demonstrated: np.ndarray, rolled: np.ndarray) -> dict[str, float | None]:

@@ -95,7 +95,7 @@ class Skill:
         points = ControlPoints(robot, self.frames, self.offsets)
         pose = self.T_world_object if T_world_object is None else T_world_object
         moved = compose(points, RigidTransform(pose), Translation(self.targets if targets is None else targets))
-        return compose(moved, AboutMiddle()) if self.of_turn else moved
+        return AboutMiddle(moved) if self.of_turn else moved
 
     def hand(self, T_world_object: jax.Array) -> tuple[str, jax.Array, jax.Array] | None:
         """What goes where with the object at `T_world_object` [4, 4]: the first control point's frame, its place in it

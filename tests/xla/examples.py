@@ -103,7 +103,7 @@ MAPS = {
     FrameRotation: (FrameRotation(ROBOT, "panda_link3"), (7,)),
     Flow: (FLOW, (4,)),
     Stacked: (Stacked(HAND), (7,)),
-    AboutMiddle: (AboutMiddle(), (3, 3)),
+    AboutMiddle: (AboutMiddle(HAND), (7,)),
     **{kind: (kind(jnp.asarray([[0.1, 0, 0], [-0.05, 0.0866, 0], [-0.05, -0.0866, 0]])), (9,)) for kind in HANDS},
     Position: (Position(ROBOT, "panda_link3"), (7,)),
     RelativePoints: (RelativePoints(POINTS, jnp.sin), (3,)),
