@@ -37,6 +37,11 @@ from ._sources import RECORDED, find_demonstrations
 
 _LONG = 0.05  # m, from which on a link without geometry is worth a word
 _HAND = 0.1 * (np.eye(3) - 1 / 3)  # m, points of a hand that show its turn
+_KINDS = {
+    "points": "{offset} in {frame}",
+    "pose": "pose at {offset} in {frame}",
+    "orientation": "orientation of {frame}, wherever it is",
+}
 _RANK = {"error": 0, "unsafe": 1, "note": 2}
 
 
@@ -172,7 +177,7 @@ def _configuration(arguments: argparse.Namespace, found: _Findings) -> None:
     configuration = load_configuration(arguments.file)
     found.read |= {"name": configuration.name, "object": configuration.object or "none"}
     found.read["subtasks"] = [
-        f"{s.name}: {'pose at ' if s.kind == 'pose' else ''}{s.offset} in {s.frame}" for s in configuration.subtasks
+        f"{s.name}: {_KINDS[s.kind].format(offset=s.offset, frame=s.frame)}" for s in configuration.subtasks
     ]
     robot = found.attempt(configuration.load_robot)
     if robot is None:

@@ -131,9 +131,9 @@ def validation_table(validation: dict[str, Any] | None) -> str:
     for name, held_out, training, method in [*rows, ("mean", validation["held_out"], validation["training"], "")]:
         if held_out is not None:
             lines.append(
-                f"{name:<10}{held_out['dtw_cm']:>6.2f}{held_out['frechet_cm']:>12.2f}{held_out['goal_cm']:>9.3f}"
-                f"{_cells(held_out, some)}{training['dtw_cm']:>17.2f}{training['frechet_cm']:>21.2f}"
-                f"{_cells(training, late, 'training_')}  {method}".rstrip()
+                f"{name:<10}{_number(held_out['dtw_cm'], 6)}{_number(held_out['frechet_cm'], 12)}"
+                f"{_number(held_out['goal_cm'], 9, 3)}{_cells(held_out, some)}{_number(training['dtw_cm'], 17)}"
+                f"{_number(training['frechet_cm'], 21)}{_cells(training, late, 'training_')}  {method}".rstrip()
             )
     lines += [fold_failed(f) for f in validation["folds"] if f["failed"]]
     lines.append(folds_passed(validation))
@@ -152,8 +152,11 @@ def _names(some: Iterable[str], of: str = "") -> str:
 
 def _cells(errors: Mapping[str, Any], some: Iterable[str], of: str = "") -> str:
     """What `errors` say, under `_names`, a dash where they do not."""
-    values = {name: "-" if errors.get(name) is None else f"{errors[name]:.2f}" for name in some}
-    return "".join(f"{value:>{2 + len(of) + len(name)}}" for name, value in values.items())
+    return "".join(_number(errors.get(name), 2 + len(of) + len(name)) for name in some)
+
+
+def _number(value: float | None, width: int, digits: int = 2) -> str:
+    return f"{'-' if value is None else f'{value:.{digits}f}':>{width}}"
 
 
 def fold_failed(fold: Mapping[str, Any]) -> str:
@@ -177,8 +180,8 @@ def error_table(result: dict[str, Any]) -> str:
     lines.append(f"demo    dtw_cm  frechet_cm  goal_cm{_names(some)}  energy_increase  limit_margin_rad")
     for name, e in [(str(e["demo"]), e) for e in result["per_demo"]] + [("mean", result["mean"])]:
         lines.append(
-            f"{name:<6}{e['dtw_cm']:>8.2f}{e['frechet_cm']:>12.2f}{e['goal_cm']:>9.3f}{_cells(e, some)}"
-            f"{e['energy_increase']:>17.1e}{e['limit_margin_rad']:>18.3f}"
+            f"{name:<6}{_number(e['dtw_cm'], 8)}{_number(e['frechet_cm'], 12)}{_number(e['goal_cm'], 9, 3)}"
+            f"{_cells(e, some)}{e['energy_increase']:>17.1e}{e['limit_margin_rad']:>18.3f}"
         )
     for e in result["per_demo"]:
         if names := e["rests_away_from"]:

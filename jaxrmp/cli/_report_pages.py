@@ -52,11 +52,11 @@ def learning_page(
             [*reproduction["per_demo"], {"demo": "mean", "rests_away_from": (), **reproduction["mean"]}],
             {
                 "demonstration": lambda e: e["demo"],
-                "DTW, cm": lambda e: f"{e['dtw_cm']:.2f}",
-                "Fréchet, cm": lambda e: f"{e['frechet_cm']:.2f}",
-                "goal, cm": lambda e: f"{e['goal_cm']:.2f}",
+                "DTW, cm": lambda e: _hundredths(e["dtw_cm"]),
+                "Fréchet, cm": lambda e: _hundredths(e["frechet_cm"]),
+                "goal, cm": lambda e: _hundredths(e["goal_cm"]),
                 **{
-                    SOME_MEASURE[name]: lambda e, name=name: "" if e.get(name) is None else f"{e[name]:.2f}"
+                    SOME_MEASURE[name]: lambda e, name=name: _hundredths(e.get(name))
                     for name in measured(reproduction["per_demo"])
                 },
                 "energy increase": lambda e: f"{e['energy_increase']:.1e}",
@@ -87,6 +87,11 @@ def learning_page(
     return _page.write_page(path, f"{report['skill']}: what was learned", parts)
 
 
+def _hundredths(value: float | None) -> str:
+    """A number to a hundredth; nothing where there is none."""
+    return "" if value is None else f"{value:.2f}"
+
+
 def _validation(validation: Mapping[str, Any] | None) -> list[str]:
     title = heading("How well it does what it was not shown")
     if validation is None:
@@ -95,7 +100,7 @@ def _validation(validation: Mapping[str, Any] | None) -> list[str]:
     mean = {"left_out": "mean", "method": "", "failed": None, **validation}
 
     def error(kind: str, name: str) -> Callable[[Mapping[str, Any]], str]:
-        return lambda fold: "" if (fold[kind] or {}).get(name) is None else f"{fold[kind][name]:.2f}"
+        return lambda fold: _hundredths((fold[kind] or {}).get(name))
 
     return [
         title,

@@ -25,6 +25,11 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
     if arguments.video or arguments.figures:
         visualization.prepare_headless()
     skill = learning.load_skill(arguments.skill)
+    if skill.of_turn:
+        raise ConfigurationError(
+            f"{arguments.skill} was learned of a turn alone, and scenes judge where the hand arrives: it has no place "
+            "to go to. `jaxrmp reproduce` and `jaxrmp evaluate` judge how it is turned."
+        )
     scene = scene_of(arguments.scene, skill)
     demonstrations = demonstrations_of(skill, arguments.demos, scene.robot)
     with progress_bar(arguments.quiet) as progress:

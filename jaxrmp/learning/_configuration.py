@@ -19,7 +19,7 @@ from ._recording import RecordingSettings
 ACTIVATIONS = ("relu", "softplus", "silu", "tanh")
 LOSSES = ("smooth_l1", "l2")
 Method = Literal["auto", "flow", "paper"]
-Kind = Literal["points", "pose"]
+Kind = Literal["points", "pose", "orientation"]
 Tempo = Literal["constant", "demonstrated"]
 _SOME_RANGE = {"lower": np.zeros(1), "upper": np.ones(1), "rest": np.zeros(1)}  # a robot's, not a configuration's
 
@@ -27,7 +27,9 @@ _SOME_RANGE = {"lower": np.zeros(1), "upper": np.ones(1), "rest": np.zeros(1)}  
 @dataclass(frozen=True)
 class Subtask:
     """What moves, `name`: by `kind` "points" a control point, `offset` [3], m, in the robot's frame `frame`; by "pose"
-    that point and how the frame is turned. **Raises** `UnknownNameError` for another kind."""
+    that point and how the frame is turned; by "orientation" how it is turned alone, wherever it is.
+
+    **Raises** `UnknownNameError` for another kind, `ConfigurationError` for an orientation of a point."""
 
     name: str
     frame: str
@@ -36,6 +38,11 @@ class Subtask:
 
     def __post_init__(self):
         UnknownNameError.check("kind of subtask", self.kind, get_args(Kind))
+        if self.kind == "orientation" and any(self.offset):
+            raise ConfigurationError(
+                f"subtask {self.name!r} has offset {self.offset!r}, but an orientation is of the whole frame "
+                f"{self.frame!r}: leave the offset out, or set kind to 'pose' if the place of that point matters."
+            )
 
 
 @settings("target")
@@ -150,9 +157,9 @@ class PolicySettings:
 class Configuration:
     """Everything that `learn` needs besides the demonstrations.
 
-    `name` of the skill; `subtasks`, its control points, or one pose of a hand; `robot`, "panda" or the path of an MJCF
-    or URDF file; `recording`, what the files of demonstrations leave open; `poses`, how the robot follows them where
-    they have no joints; `fixed_joints`, joints of that file that stay at a value;
+    `name` of the skill; `subtasks`, its control points, or one pose or orientation of a hand; `robot`, "panda" or the
+    path of an MJCF or URDF file; `recording`, what the files of demonstrations leave open; `poses`, how the robot
+    follows them where they have no joints; `fixed_joints`, joints of that file that stay at a value;
     `base`, the frame of the robot in which object poses were recorded; `object`, the tracked object whose frame the
     skill lives in, empty for the axes of `base` at the mean final position of the first control point; `seed`, of all
     that is random; `method`, "flow", "paper" or "auto", see `learn`; `preprocessing`, `target`, `flow`, `potential`,
@@ -187,14 +194,16 @@ class Configuration:
                 f"name is {self.name!r}, expected letters, digits, '_', '-' or '.': files bear it."
             )
         UnknownNameError.check("method", self.method, get_args(Method))
-        if self.of_pose and len(names) > 1:
+        if self.of_hand and len(names) > 1:
+            what = "an orientation" if self.of_turn else "a pose"
             raise ConfigurationError(
-                f"subtasks {names} have a pose among them, which says all of a hand: leave the others out, or give "
+                f"subtasks {names} have {what} among them, which says all of a hand: leave the others out, or give "
                 'three control points on that frame instead (kind = "points").'
             )
-        if self.of_pose and self.method == "paper":
+        if self.of_hand and self.method == "paper":
+            what = "an orientation" if self.of_turn else "a pose"
             raise ConfigurationError(
-                f"subtask {names[0]!r} is a pose, of which method 'paper' knows nothing: set method to 'auto' or "
+                f"subtask {names[0]!r} is {what}, of which method 'paper' knows nothing: set method to 'auto' or "
                 "'flow', or give three control points instead."
             )
         if self.method == "paper" and self.policy.tempo != "constant":
@@ -210,9 +219,14 @@ class Configuration:
             )
 
     @property
-    def of_pose(self) -> bool:
-        """Whether a subtask is the pose of a whole hand."""
-        return any(subtask.kind == "pose" for subtask in self.subtasks)
+    def of_hand(self) -> bool:
+        """Whether a subtask is a whole hand: its pose, or how it is turned."""
+        return any(subtask.kind != "points" for subtask in self.subtasks)
+
+    @property
+    def of_turn(self) -> bool:
+        """Whether a subtask is how a hand is turned alone."""
+        return any(subtask.kind == "orientation" for subtask in self.subtasks)
 
     @property
     def followed(self) -> PoseSettings:

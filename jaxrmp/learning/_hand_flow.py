@@ -11,7 +11,7 @@ import numpy as np
 from .._linalg import einsum, length, matmul
 from .._pytree import pytree, single, static
 from .._rotations import nearest_rotation
-from .._task_map import Pushforward, RigidTransform, TaskMap, Translation, compose, pushforward
+from .._task_map import RigidTransform, TaskMap, Translation, compose, stack
 from .._tree import Node, Sum, on_coordinates, pullback
 from ..kinematics import ControlPoints, Robot
 from ..leaves import CruisingAttractor, Funnel
@@ -19,59 +19,15 @@ from ..xla import quickly
 from ._by_parts import by_parts
 from ._configuration import FlowSettings, PolicySettings
 from ._flow import Flow
+from ._hand_maps import BeyondTurn, HandPose, HandTurn, Stacked, axes_of, turn_lengths
+from ._turn_attractor import TurnAttractor
 
 _DAMPING = 0.02  # of inverse kinematics, m (and rad), so that near a singularity joints stay where they are
 _PACE = 5.0  # rad/m: how fast the funnel moves joints, by the hand's speed
-_LEVER = 0.8  # of a triangle's radius: how far its corners are from axes in its plane and across, in the mean
-_EDGE = 0.38  # cosine of half the largest turn that counts in full, 135 degrees
 _AT_ONCE = 32  # postures in a call of what is compiled
 _MARGIN = 0.05  # rad or m that moved postures keep from limits
-
-
-@pytree
-class Stacked(TaskMap):
-    """The points [K, 3] that `points` gives, as one vector [3 K] over sqrt(K): its length is their mean distance."""
-
-    points: TaskMap
-
-    def __call__(self, x):
-        y = self.points(x)
-        return y.reshape(-1) * len(y) ** -0.5
-
-    def pushforward(self, x, xd):
-        y, yd, J, c = pushforward(self.points, x, xd)
-        k = len(y) ** -0.5
-        return Pushforward(k * y.reshape(-1), k * yd.reshape(-1), k * J.reshape(-1, J.shape[-1]), k * c.reshape(-1))
-
-
-@pytree
-class HandPose(TaskMap):
-    """Where a rigid hand is and how it is turned [6], m, from the stacked points [9] of a triangle on it.
-
-    First the middle of the triangle, less that of `targets` [3, 3], m; then its turn away from theirs by an angle, as
-    a vector along the axis, four times the tangent of a quarter of the angle, times `_LEVER` of the triangle's radius.
-    Beyond 135 degrees that is led back, smoothly, to zero at 180: there the turn does not count, so that energies have
-    no step where an axis changes its sign. `Stacked` says how far the points are from the `targets`.
-    """
-
-    targets: jax.Array
-
-    def __call__(self, x):
-        targets = jnp.asarray(self.targets, x.dtype)
-        points = len(targets) ** 0.5 * x.reshape(targets.shape) + targets
-        radius = length(targets[0] - targets.mean(0))
-        R = matmul(axes_of(points, radius), axes_of(targets, radius).T)
-        w = jnp.sqrt(jnp.maximum((1 + jnp.trace(R)) / 4, 1e-10))  # the quaternion's real part
-        t = w / _EDGE
-        share = jnp.where(t < 1, t * t * (10 + t * (6 * t - 15)) / _EDGE, 1 / w)
-        turn = jnp.stack([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
-        return jnp.concatenate([points.mean(0) - targets.mean(0), _LEVER * radius * share / (1 + w) * turn])
-
-
-def axes_of(triangle: jax.Array, radius: jax.Array) -> jax.Array:
-    """The axes of an equilateral triangle [3, 3] as columns: to its first corner, along its opposite side, across."""
-    x, y = triangle[0] - triangle.mean(0), (triangle[1] - triangle[2]) / 3**0.5
-    return jnp.stack([x / radius, y / radius, jnp.cross(x, y) / radius**2], axis=1)
+_AXES = 500  # of turns along which a flow is looked at where its coordinates fade
+_FADING = 130.0, 165.0  # degrees, where that is
 
 
 @pytree
@@ -80,13 +36,14 @@ class HandFlow:
 
     `offsets` [P, 3], m, points in the first of the skill's frames that stand for the hand, and `targets` [P, 3] where
     they go, in the object's frame, m; if `turned`, a triangle, which says how the hand is turned, else the skill's
-    control points. `hands` [S + 1, P, 3], m, where these points are in the world, in the postures of the funnel and
-    last at the joints' end; `moves` [S + 1, n, 3 P], how joints follow a small motion of them: both for an object at
-    the skill's `T_world_object`.
+    control points. A flow `of_turn` knows of the triangle's turn alone, and has an attractor that fades where
+    coordinates of turns do. `hands` [S + 1, P, 3], m, where these points are in the world, in the postures of the
+    funnel and last at the joints' end; `moves` [S + 1, n, 3 P], how joints follow a small motion of them: both for an
+    object at the skill's `T_world_object`.
     """
 
     flow: Flow
-    attractor: CruisingAttractor
+    attractor: CruisingAttractor | TurnAttractor
     funnel: Funnel | None
     posture: Funnel | None
     offsets: jax.Array
@@ -95,22 +52,35 @@ class HandFlow:
     moves: jax.Array
     turned: bool = static()
 
+    @property
+    def of_turn(self) -> bool:
+        """Whether it moves how the hand is turned alone, and not where it is."""
+        return isinstance(self.attractor, TurnAttractor)
+
     def task_map(self, robot: Robot, frames: tuple[str, ...], T: jax.Array, targets: jax.Array | None) -> TaskMap:
         """From joint positions [n] of `robot` to the space of the flow, the target at zero.
 
         **Arguments**: `frames`, the skill's; `T` [4, 4], where the object is; `targets` [P, 3] instead of its own.
         """
-        frames = frames[:1] * len(self.offsets) if self.turned else frames
         targets = self.targets if targets is None else targets
-        points = Stacked(compose(ControlPoints(robot, frames, self.offsets), RigidTransform(T), Translation(targets)))
+        points = self._points(robot, frames, T, targets)
         if self.flow.back.shape[-1] == self.offsets.size:  # skills of version 5 have triangles stacked as well
             return points
-        return compose(points, HandPose(targets))
+        return compose(points, HandTurn(targets) if self.of_turn else HandPose(targets))
 
     def leaf(self, robot: Robot, frames: tuple[str, ...], T: jax.Array, targets: jax.Array | None = None) -> Node:
         """The learned policy as a node on the joint space of `robot`, the object at `T` [4, 4]; the rest, `frames` and
         `targets`, as in `task_map`."""
-        return pullback(compose(self.task_map(robot, frames, T, targets), self.flow), self.attractor)
+        if not self.of_turn:
+            return pullback(compose(self.task_map(robot, frames, T, targets), self.flow), self.attractor)
+        targets = self.targets if targets is None else targets
+        turn = stack(compose(HandTurn(targets), self.flow), BeyondTurn(targets))
+        return pullback(compose(self._points(robot, frames, T, targets), turn), self.attractor)
+
+    def _points(self, robot: Robot, frames: tuple[str, ...], T: jax.Array, targets: jax.Array) -> TaskMap:
+        """From joint positions to its points, stacked, the `targets` at zero."""
+        frames = frames[:1] * len(self.offsets) if self.turned else frames
+        return Stacked(compose(ControlPoints(robot, frames, self.offsets), RigidTransform(T), Translation(targets)))
 
     def on_joints(
         self,
@@ -190,7 +160,7 @@ def hand_flow(
     policy: PolicySettings,
     **latent: float,
 ) -> HandFlow:
-    """A `HandFlow` of a trained `flow`; its leaves on the joints are nowhere yet, which `along_ways` mends.
+    """A `HandFlow` of a `flow`; its leaves on the joints are nowhere yet, which `along_ways` mends.
 
     **Arguments**: `points`, by `hand_points`; their `targets` [P, 3]; `end` [n], where joints end, rad or m;
     `latent`, what else its attractor has other than by default.
@@ -203,8 +173,33 @@ def hand_flow(
     funnel = Funnel(nowhere, np.zeros(1), settings.funnel, **radii, **joints) if settings.funnel else None
     posture = Funnel(end[None], 0.0, 0.0, settings.posture, **joints, name="posture") if settings.posture else None
     attractor = CruisingAttractor(np.zeros(flow.back.shape[-1]), **gains, **latent, name="learned")
+    if turned and flow.back.shape[-1] == 3:
+        top = _highest(flow, settings.circumradius, float(attractor.taper))
+        attractor = TurnAttractor(top, **gains, **latent, length=settings.circumradius, name="learned")
     moves = np.zeros((2, len(end), offsets.size))
     return HandFlow(flow, attractor, funnel, posture, offsets, targets, np.zeros((2, *offsets.shape)), moves, turned)
+
+
+def with_flow(motion: HandFlow, flow: Flow, circumradius: float) -> HandFlow:
+    """`motion`, in single precision, with another `flow`, round which the attractor of a turn has to be built anew."""
+    attractor = motion.attractor
+    if isinstance(attractor, TurnAttractor):
+        attractor = replace(attractor, top=_highest(flow, circumradius, float(attractor.taper)))
+    return single(replace(motion, flow=flow, attractor=attractor))
+
+
+def _highest(flow: Flow, circumradius: float, taper: float) -> float:
+    """The most that the well behind `flow` is, m, on turns about `_AXES` random axes where its coordinates fade."""
+    axes = np.random.default_rng(0).normal(size=(_AXES, 3))
+    axes = axes / np.linalg.norm(axes, axis=1, keepdims=True)
+    turns = axes[:, None] * turn_lengths(circumradius, np.linspace(*_FADING, 15))[:, None]
+    y = np.asarray(jax.jit(jax.vmap(flow))(jnp.asarray(turns.reshape(-1, 3), jnp.float32)), float)
+    return float(_well(np.linalg.norm(y, axis=1), taper).max())
+
+
+def _well(distance: np.ndarray, taper: float) -> np.ndarray:
+    """`taper log cosh(distance / taper)`."""
+    return distance + taper * (np.log1p(np.exp(-2 * distance / taper)) - np.log(2))
 
 
 def along_ways(
@@ -224,20 +219,22 @@ def along_ways(
     points = ControlPoints(robot, frames[:1] * len(motion.offsets) if motion.turned else frames, motion.offsets)
     followed, left = [], []
     for way, pose in zip(ways, poses, strict=True):
-        hands, moves = _hands(points, way)
+        hands, moves = _hands(points, way, motion.of_turn)
         followed.append(np.asarray(_with_object(*single((way, hands, moves, pose, T))), float))
         steps = np.linalg.norm(np.diff(way, axis=0), axis=1)
         left.append(lead * np.append(np.cumsum(steps[::-1])[::-1], 0.0))
     postures = np.concatenate(followed)
     end = followed[0][-1:] if motion.posture is None else np.asarray(motion.posture.postures, float)
-    hands, moves = _hands(points, np.concatenate([postures, end]))
+    hands, moves = _hands(points, np.concatenate([postures, end]), motion.of_turn)
     funnel = motion.funnel and replace(motion.funnel, postures=postures, left=np.concatenate(left))
     return single(replace(motion, funnel=funnel, hands=hands, moves=moves))
 
 
-def _hands(points: ControlPoints, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Where `points` are [S, P, 3] at `q` [S, n], and damped inverses [S, n, 3 P] of their Jacobians."""
+def _hands(points: ControlPoints, q: np.ndarray, of_turn: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Where `points` are [S, P, 3] at `q` [S, n], and damped inverses [S, n, 3 P] of their Jacobians; `of_turn`, of
+    those about their middle, so that where they are does not matter."""
     hands, J = by_parts(partial(_carried, points), q, _AT_ONCE)
+    J = J - J.mean(1, keepdims=True) if of_turn else J
     J = J.reshape(len(q), -1, q.shape[1])
     A = J @ np.swapaxes(J, 1, 2) + _DAMPING**2 * np.eye(J.shape[1])
     return hands, np.swapaxes(J, 1, 2) @ np.linalg.inv(A)

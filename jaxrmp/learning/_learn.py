@@ -28,6 +28,7 @@ from ._skill import Skill, joint_leaves, mean_pose, rigid_targets
 Progress = Callable[[str, float], None]
 
 _GOAL, _RISE = 1.0, 1e-3  # cm, and relative: what a reproduction may miss the goal by, and V rise by
+_GOAL_TURN = 2.0  # degrees, where it has no place
 
 
 class Learning(NamedTuple):
@@ -60,10 +61,10 @@ def learn(
 
     By a flow, `learn_flow`, one policy for the whole hand; or by the paper's steps, `learn_paper`, a policy for each
     control point. With the configuration's `method = "auto"` by a flow, and where that does not pass, by the paper's,
-    unless a subtask is a pose or the tempo is the demonstrated one. A flow passes if it stretches space nowhere on the
-    demonstrations beyond what rollouts can follow, and if all of them, reproduced by the whole policy, end at the goal,
-    with an energy that does not rise. Before, a `FileWarning` says which demonstrations disagree, as `families` finds,
-    and of a tempo that is to be learned, when demonstrations pause, and for how long.
+    unless a subtask is a whole hand or the tempo is the demonstrated one. A flow passes if it stretches space nowhere
+    on the demonstrations beyond what rollouts can follow, and if all of them, reproduced by the whole policy, end at
+    the goal, with an energy that does not rise. Before, a `FileWarning` says which demonstrations disagree, as
+    `families` finds, and of a tempo that is to be learned, when demonstrations pause, and for how long.
 
     **Arguments**: `configuration`; `robot`, with the demonstrations' joints in the same order; `demonstrations`;
     `progress`, called with the name of a step and the fraction of it that is done.
@@ -111,7 +112,7 @@ def learn(
             why = "asked for" if configuration.method == "flow" else "it passes all checks"
             return Learning(skill, prepared, agreement, None, flow, reproduction, why, seconds)
         except JaxrmpError as error:
-            if configuration.method == "flow" or configuration.of_pose:
+            if configuration.method == "flow" or configuration.of_hand:
                 raise
             if configuration.policy.tempo != "constant":
                 raise TrainingError(
@@ -193,11 +194,13 @@ def _led_along_its_own_ways(skill: Skill, robot: Robot, prepared: PreparedDemons
 
 def _check(reproduction: Reproduction) -> None:
     """**Raises** `TrainingError` for a flow that a robot should not follow."""
-    goal, rise = (np.array([e[name] for e in reproduction.errors]) for name in ("goal_cm", "energy_increase"))
-    if not (goal <= _GOAL).all():
+    placed = reproduction.mean["goal_cm"] is not None
+    name, most, unit = ("goal_cm", _GOAL, "cm") if placed else ("goal_turn_deg", _GOAL_TURN, "degrees")
+    goal, rise = (np.array([e[key] for e in reproduction.errors]) for key in (name, "energy_increase"))
+    if not (goal <= most).all():
         raise TrainingError(
-            f"reproduced by the whole policy, demonstrations {np.flatnonzero(~(goal <= _GOAL)).tolist()} end up to "
-            f"{goal.max():.1f} cm from the goal. Are they one skill? `jaxrmp check` looks at them."
+            f"reproduced by the whole policy, demonstrations {np.flatnonzero(~(goal <= most)).tolist()} end up to "
+            f"{goal.max():.1f} {unit} from the goal. Are they one skill? `jaxrmp check` looks at them."
         )
     if not (rise <= _RISE).all():
         raise TrainingError(

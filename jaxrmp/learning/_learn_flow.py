@@ -9,7 +9,6 @@ import jax
 import numpy as np
 
 from .._errors import TrainingError
-from .._pytree import single
 from .._rotations import rotation_angle
 from ..kinematics import Robot
 from ..xla import quickly
@@ -18,7 +17,8 @@ from ._by_parts import by_parts
 from ._configuration import Configuration
 from ._flow import initial_flow
 from ._flow_training import FlowFit, Timing, train_flow
-from ._hand_flow import HandFlow, HandPose, along_ways, axes_of, hand_flow, hand_points
+from ._hand_flow import HandFlow, along_ways, hand_flow, hand_points, with_flow
+from ._hand_maps import HandPose, HandTurn, axes_of
 from ._prepare import PreparedDemonstrations, control_point_frames, control_points, in_frame
 from ._skill import mean_pose, rigid_targets
 from ._tempo import demonstrated_tempo, radii
@@ -68,7 +68,7 @@ def learn_flow(
         lambda done, loss: progress("flow", done / settings.updates),
         lesson.timing,
     )
-    return FlowLearning(replace(lesson.motion, flow=single(fit.flow)), fit, lesson.paths)
+    return FlowLearning(with_flow(lesson.motion, fit.flow, settings.circumradius), fit, lesson.paths)
 
 
 def flow_lesson(configuration: Configuration, robot: Robot, prepared: PreparedDemonstrations) -> FlowLesson:
@@ -86,11 +86,12 @@ def flow_lesson(configuration: Configuration, robot: Robot, prepared: PreparedDe
     places = [
         in_frame(control_points(robot, frames, offsets, q), pose) for q, pose in zip(ways, prepared.poses, strict=True)
     ]
-    paths = tuple(_hand(place, place[-1], turned) for place in places)
     if turned:
         check_turns(places, settings.circumradius)
+    chart = (HandTurn if configuration.of_turn else HandPose) if turned else None
+    paths = tuple(_hand(place, place[-1], chart) for place in places)
     targets = rigid_targets(offsets, frames, np.stack([place[-1] for place in places]))
-    far = _hand(in_frame(control_points(robot, frames, offsets, _anywhere(robot)), T), targets, turned)
+    far = _hand(in_frame(control_points(robot, frames, offsets, _anywhere(robot)), T), targets, chart)
     policy, timing = configuration.policy, None
     taper = {}
     if times is not None:
@@ -114,7 +115,7 @@ def led_along(
 
 
 def check_turns(places: Sequence[np.ndarray], radius: float) -> None:
-    """**Raises** `TrainingError` for hands, triangles [T, 3, 3] m, that turn farther than `HandPose` counts in full."""
+    """**Raises** `TrainingError` for hands, triangles [T, 3, 3] m, that turn farther than `HandTurn` counts in full."""
     for i, place in enumerate(places):
         R = by_parts(partial(_axes, radius), place, _AT_ONCE)
         if not (degrees := np.degrees(rotation_angle(R @ R[-1].T)).max()) <= _MOST_TURNED:
@@ -124,17 +125,17 @@ def check_turns(places: Sequence[np.ndarray], radius: float) -> None:
             )
 
 
-def _hand(points: np.ndarray, targets: np.ndarray, turned: bool) -> np.ndarray:
-    """Points of the hand [T, P, 3] in the space of the flow [T, m], `targets` [P, 3] at zero."""
+def _hand(points: np.ndarray, targets: np.ndarray, chart: type[HandPose] | type[HandTurn] | None) -> np.ndarray:
+    """Points of the hand [T, P, 3] in the space of the flow [T, m], `targets` [P, 3] at zero; by `chart`, if any."""
     stacked = (points - targets).reshape(len(points), -1) / np.sqrt(len(targets))
-    if not turned:
+    if chart is None:
         return stacked
-    return by_parts(partial(_posed, HandPose(targets)), stacked, _AT_ONCE)
+    return by_parts(partial(_posed, chart(targets)), stacked, _AT_ONCE)
 
 
 @quickly
-def _posed(pose: HandPose, stacked: jax.Array) -> jax.Array:
-    return jax.vmap(pose)(stacked)
+def _posed(chart: HandPose | HandTurn, stacked: jax.Array) -> jax.Array:
+    return jax.vmap(chart)(stacked)
 
 
 @quickly

@@ -33,7 +33,7 @@ class _Frames:
 
 
 class PreparedDemonstrations(NamedTuple):
-    """Demonstrations as control points in the object's frame.
+    """Demonstrations as control points in the object's frame; of an orientation about their middle, `about_middle`.
 
     `joints`, the preprocessed joint trajectories; `poses` [N, 4, 4], the object's frame in the world of the
     robot's model in each;
@@ -53,7 +53,7 @@ def prepare(configuration: Configuration, robot: Robot, demonstrations: Demonstr
 
     The object's frame is its pose at each demonstration's first sample; if the configuration or the whole set has no
     tracked object, it has the axes of the robot's `base` frame and its origin at the mean final position of the first
-    control point, or of the middle of a pose. The demonstrations are made the robot's own first, as `fit_to_robot`
+    control point, or of the middle of a hand. The demonstrations are made the robot's own first, as `fit_to_robot`
     does.
 
     **Arguments**: `configuration`; its `robot`; `demonstrations`. **Raises** `DemonstrationError` if the object moves
@@ -74,8 +74,10 @@ def prepare(configuration: Configuration, robot: Robot, demonstrations: Demonstr
     else:
         poses = np.tile(T_world_base, (len(world_points), 1, 1))
         ends = np.stack([points[-1] for points in world_points])
-        poses[:, :3, 3] = ends.mean((0, 1)) if configuration.of_pose else ends[:, 0].mean(0)
+        poses[:, :3, 3] = ends.mean((0, 1)) if configuration.of_hand else ends[:, 0].mean(0)
     points = tuple(in_frame(p, T) for p, T in zip(world_points, poses, strict=True))
+    if configuration.of_turn:
+        points = tuple(about_middle(p) for p in points)
     subtasks = subtask_trajectories(
         points,
         samples=configuration.preprocessing.samples,
@@ -85,7 +87,8 @@ def prepare(configuration: Configuration, robot: Robot, demonstrations: Demonstr
     )
 
     def sample_of(k: int, n: int, fraction: float) -> int:
-        path = control_points(robot, frames[k : k + 1], offsets[k : k + 1], recorded[n].q)[:, 0]
+        path = control_points(robot, frames, offsets, recorded[n].q)
+        path = (about_middle(path) if configuration.of_turn else path)[:, k]
         length = np.concatenate([[0.0], np.linalg.norm(np.diff(path, axis=0), axis=1).cumsum()])
         return int(np.searchsorted(length, fraction * length[-1]))
 
@@ -119,23 +122,23 @@ def still_pose(demonstration: Demonstration, name: str, tolerance: float, index:
 def control_point_frames(configuration: Configuration) -> tuple[tuple[str, ...], np.ndarray]:
     """The frames of the control points in `configuration`, and their offsets [K, 3] in them, m.
 
-    A pose is the corners of the triangle that stands for the hand, `flow.circumradius` round its offset.
+    A hand is the corners of the triangle that stands for it, `flow.circumradius` round its offset.
     """
     radius = configuration.flow.circumradius
     points = [
         (subtask.frame, offset)
         for subtask in configuration.subtasks
-        for offset in (triangle_round(np.array(subtask.offset), radius) if subtask.kind == "pose" else [subtask.offset])
+        for offset in ([subtask.offset] if subtask.kind == "points" else triangle_round(subtask.offset, radius))
     ]
     return tuple(frame for frame, _ in points), np.array([offset for _, offset in points])
 
 
 def control_point_names(configuration: Configuration) -> tuple[str, ...]:
-    """What the K control points in `configuration` are called; the corners of a pose, NAME_0 to NAME_2."""
+    """What the K control points in `configuration` are called; the corners of a hand, NAME_0 to NAME_2."""
     return tuple(
         name
         for subtask in configuration.subtasks
-        for name in ([f"{subtask.name}_{k}" for k in range(3)] if subtask.kind == "pose" else [subtask.name])
+        for name in ([subtask.name] if subtask.kind == "points" else [f"{subtask.name}_{k}" for k in range(3)])
     )
 
 
@@ -154,6 +157,11 @@ def poses_along(robot: Robot, frames: Sequence[str], q: np.ndarray) -> np.ndarra
     distinct = tuple(dict.fromkeys(frames))
     poses = by_parts(partial(_poses, _Frames(robot, distinct)), q, _AT_ONCE)
     return poses[:, [distinct.index(name) for name in frames]]
+
+
+def about_middle(points: np.ndarray) -> np.ndarray:
+    """Control points [..., K, 3] less their mean: how they are turned, wherever they are."""
+    return points - points.mean(-2, keepdims=True)
 
 
 def control_points(robot: Robot, frames: tuple[str, ...], offsets: np.ndarray, q: np.ndarray) -> np.ndarray:

@@ -15,18 +15,20 @@ from ..kinematics import Robot
 from ..simulation import Rollout, rollout
 from ._configuration import Configuration, PolicySettings
 from ._measures import mean_errors, reproduction_errors, time_aligned_error, turn_errors
-from ._prepare import PreparedDemonstrations, control_points, in_frame
+from ._prepare import PreparedDemonstrations, about_middle, control_points, in_frame
 from ._skill import Skill
 
 _IN_TIME = 501  # points of a demonstration that are compared at their times
+_PLACES = ("dtw_cm", "frechet_cm", "goal_cm")
 
 
 class Reproduction(NamedTuple):
     """Rollouts from each demonstration's first configuration and what they measure.
 
     `rollouts`, a `Rollout` with a leading axis of N; `points` [N, T, K, 3], the control points in the object's frame,
-    m; `errors`, for each demonstration a dict of `dtw_cm`, `frechet_cm`, `goal_cm` (see `reproduction_errors`),
-    `position_percent`, `turn_deg`, `goal_turn_deg` (see `turn_errors`; None unless how the hand is turned was learned),
+    m, of a turn alone about their middle; `errors`, for each demonstration a dict of `dtw_cm`, `frechet_cm`, `goal_cm`
+    (see `reproduction_errors`), `position_percent`, `turn_deg`, `goal_turn_deg` (see `turn_errors`; None unless how the
+    hand is turned was learned), all of places None where a turn alone was learned,
     `energy_increase`, the largest rise of V in one step relative to V's range, and `limit_margin_rad`, the smallest
     distance of any joint to its limits (negative if one was crossed), and `time_aligned_cm`, see
     `time_aligned_error`, of a skill of demonstrated tempo, pauses left out, else None.
@@ -74,15 +76,16 @@ def reproduce(
     points, errors = [], []
     for i, (demonstrated, T) in enumerate(zip(prepared.points, prepared.poses, strict=True)):
         path = in_frame(control_points(robot, skill.frames, offsets, rollouts.q[i]), T)
+        path = about_middle(path) if skill.of_turn else path
         points.append(path)
         late = None
-        if times is not None and ways is not None:
+        if times is not None and ways is not None and not skill.of_turn:
             then = in_frame(control_points(robot, skill.frames, offsets, ways[i]), T)
             late = time_aligned_error(times[i], then, rollouts.time[i], path)
         margin = np.minimum(rollouts.q[i] - np.asarray(robot.lower), np.asarray(robot.upper) - rollouts.q[i]).min()
         errors.append(
             {
-                **reproduction_errors(demonstrated, path),
+                **_place_errors(skill, demonstrated, path),
                 **_turn_errors(skill, robot, prepared.joints.q[i], rollouts.q[i]),
                 "energy_increase": energy_increase(rollouts.energy[i]),
                 "limit_margin_rad": float(margin),
@@ -110,6 +113,13 @@ def _reproduced(
     return policy, (prepared.poses, ends), np.stack([q[0] for q in prepared.joints.q])
 
 
+def _place_errors(skill: Skill, demonstrated: np.ndarray, rolled: np.ndarray) -> dict[str, float | None]:
+    """What `reproduction_errors` measures of control points, None where the skill knows nothing of places."""
+    if skill.of_turn:
+        return dict.fromkeys(_PLACES)
+    return {**reproduction_errors(demonstrated, rolled)}
+
+
 def _turn_errors(skill: Skill, robot: Robot, demonstrated: np.ndarray, rolled: np.ndarray) -> dict[str, float | None]:
     """What `turn_errors` measures of joints [T, n] and [S, n], None where the skill knows nothing of turns."""
     if not skill.turned:
@@ -117,7 +127,7 @@ def _turn_errors(skill: Skill, robot: Robot, demonstrated: np.ndarray, rolled: n
     assert skill.flow is not None  # of skills that turn
     corners = np.asarray(skill.flow.offsets, float)
     hands = (control_points(robot, skill.frames[:1] * 3, corners, q) for q in (demonstrated, rolled))
-    return {**turn_errors(*hands)}
+    return {**turn_errors(*(about_middle(hand) if skill.of_turn else hand for hand in hands))}
 
 
 def rollout_duration(policy: PolicySettings, prepared: PreparedDemonstrations) -> float:

@@ -16,6 +16,7 @@ from ..kinematics import ControlPoints, Robot
 from ..leaves import Damping, JointLimit, Learned
 from ._configuration import Configuration, PolicySettings
 from ._hand_flow import HandFlow
+from ._hand_maps import AboutMiddle
 from ._skill_on_robot import SkillOnRobot, skill_on_robot
 
 
@@ -68,6 +69,11 @@ class Skill:
         return self.flow is not None and self.flow.turned
 
     @property
+    def of_turn(self) -> bool:
+        """Whether how the hand is turned is all that was learned; then control points are about their middle."""
+        return self.flow is not None and self.flow.of_turn
+
+    @property
     def damping_rate(self) -> float:
         """The largest damping rate of what was learned, 1/s: steps of an engine must be shorter than one over it."""
         leaf = self.learned if self.flow is None else self.flow.attractor
@@ -76,7 +82,8 @@ class Skill:
     def task_map(
         self, robot: Robot, T_world_object: jax.Array | None = None, targets: jax.Array | None = None
     ) -> TaskMap:
-        """From joint positions [n] to the control points [K, 3] in the object's frame, each with its target at zero.
+        """From joint positions [n] to the control points [K, 3] in the object's frame, each with its target at zero; of
+        a turn alone, about their middle.
 
         **Arguments**: `robot`; `T_world_object` [4, 4], where the object is now, in the world of its model, default
         where it was demonstrated; `targets` [K, 3], in the object's frame, m, default the skill's.
@@ -87,11 +94,14 @@ class Skill:
         self.check_robot(robot)
         points = ControlPoints(robot, self.frames, self.offsets)
         pose = self.T_world_object if T_world_object is None else T_world_object
-        return compose(points, RigidTransform(pose), Translation(self.targets if targets is None else targets))
+        moved = compose(points, RigidTransform(pose), Translation(self.targets if targets is None else targets))
+        return AboutMiddle(moved) if self.of_turn else moved
 
-    def hand(self, T_world_object: jax.Array) -> tuple[str, jax.Array, jax.Array]:
+    def hand(self, T_world_object: jax.Array) -> tuple[str, jax.Array, jax.Array] | None:
         """What goes where with the object at `T_world_object` [4, 4]: the first control point's frame, its place in it
-        [3], m, and its target [3] in the world, m."""
+        [3], m, and its target [3] in the world, m. None of a turn alone, which goes nowhere."""
+        if self.of_turn:
+            return None
         T = jnp.asarray(T_world_object)
         return self.frames[0], self.offsets[0], matmul(T[:3, :3], jnp.asarray(self.targets[0], T.dtype)) + T[:3, 3]
 

@@ -23,6 +23,7 @@ from ._metric_network import CholeskyFactor, initial_cholesky_factor
 from ._skill import Skill
 from ._skill_versions import VERSION, SkillContent, up_to_date
 from ._support import Support
+from ._turn_attractor import TurnAttractor
 
 FORMAT = "jaxrmp skill"
 _HEADER = "header.json"
@@ -167,16 +168,17 @@ def _flow_arrays(motion: HandFlow) -> dict[str, Any]:
 def _flow_from(structure: dict[str, Any], left: dict[str, Any]) -> HandFlow:
     _same("flow entries", structure, ("turned",))
     flow = Flow(_built(Couplings, "couplings", left), **{name: left.pop(f"flow/{name}") for name in _FLOW})
+    kinds = _FLOW_LEAVES | ({"attractor": (TurnAttractor, {"name": "learned"})} if "attractor/top" in left else {})
     leaves = {
         name: _built(kind, name, left, **named) if f"{name}/weight" in left else None
-        for name, (kind, named) in _FLOW_LEAVES.items()
+        for name, (kind, named) in kinds.items()
     }
     motion = HandFlow(flow, **leaves, **{name: left.pop(f"flow/{name}") for name in _HAND}, **structure)
     m = flow.back.shape[-1]
     if (
         flow.couplings.rotation.shape[1:] != (m, m)
         or motion.offsets.shape != motion.targets.shape
-        or m not in (motion.offsets.size, 6)
+        or m not in ((3,) if motion.of_turn else (motion.offsets.size, 6))
     ):
         raise SkillFileError(f"a flow of {m} coordinates for offsets of shape {motion.offsets.shape}.")
     return motion

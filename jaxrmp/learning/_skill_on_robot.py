@@ -44,7 +44,7 @@ class SkillOnRobot:
         """How the first of `frames` is turned where the demonstrations end, in the object's frame, [3, 3]."""
         return self.skill.R_object_hand
 
-    def hand(self, T_world_object: jax.Array) -> tuple[str, jax.Array, jax.Array]:
+    def hand(self, T_world_object: jax.Array) -> tuple[str, jax.Array, jax.Array] | None:
         """As `Skill.hand`, with the object at `T_world_object` [4, 4]."""
         return self.skill.hand(T_world_object)
 

@@ -13,7 +13,7 @@ from ._configuration import Configuration
 from ._demonstrations import DemonstrationSet
 from ._learn import learn, tell_pauses
 from ._measures import mean_errors
-from ._prepare import PreparedDemonstrations, in_frame, prepare
+from ._prepare import PreparedDemonstrations, about_middle, in_frame, prepare
 from ._preprocessing import Preprocessed
 from ._reproduce import reproduce, rollout_duration
 from ._subtask_trajectories import SubtaskTrajectories
@@ -105,7 +105,7 @@ def validate(
                 learning = learn(configuration, robot, others, lambda _, share, name=name: progress(name, share))
             skill = learning.skill
             T = prepared.poses[k] if skill.configuration.object else np.asarray(skill.T_world_object, float)
-            held_out = reproduce(skill, robot, _alone(prepared, k, T), duration=duration).mean
+            held_out = reproduce(skill, robot, _alone(prepared, k, T, skill.of_turn), duration=duration).mean
             training = (learning.reproduction or reproduce(skill, robot, learning.prepared, duration=duration)).mean
             folds.append(Fold(k, skill.method, held_out, training))
         except JaxrmpError as error:
@@ -113,12 +113,14 @@ def validate(
     return Validation(tuple(folds))
 
 
-def _alone(prepared: PreparedDemonstrations, k: int, T: np.ndarray) -> PreparedDemonstrations:
-    """Demonstration `k` of those `prepared`, seen from the frame `T` [4, 4] of a skill that does not know it."""
+def _alone(prepared: PreparedDemonstrations, k: int, T: np.ndarray, of_turn: bool) -> PreparedDemonstrations:
+    """Demonstration `k` of those `prepared`, seen from the frame `T` [4, 4] of a skill that does not know it, `of_turn`
+    alone or not."""
     before, subtasks, row = prepared.poses[k], prepared.subtasks, slice(k, k + 1)
 
     def seen(points: np.ndarray) -> np.ndarray:
-        return in_frame(points @ before[:3, :3].T + before[:3, 3], T)
+        moved = in_frame(points @ before[:3, :3].T + before[:3, 3], T)
+        return about_middle(moved) if of_turn else moved
 
     ways = (of[:, row] for of in (subtasks.positions, subtasks.directions, subtasks.velocities))
     ends = seen(subtasks.ends[row])

@@ -88,7 +88,9 @@ class Viewer(Session):
             self.notify("Rolling the skill out from each demonstration's start ...")
             found = reproduce(self.skill, self.content.policy.robot, self.prepared)
             self._lines["reproductions"] = PathLines(self.server, "/lines/reproductions", found.points, REPRODUCED, 1.5)
-            self.notify(f"Reproduced: mean DTW {found.mean['dtw_cm']:.2f} cm.")
+            dtw, turn = found.mean["dtw_cm"], found.mean["turn_deg"]
+            how_far = f"DTW {dtw:.2f} cm" if dtw is not None else f"turn {turn:.1f} degrees off"
+            self.notify(f"Reproduced: mean {how_far}.")
 
     def draw(self, frame: Frame) -> None:
         super().draw(frame)

@@ -1,5 +1,8 @@
 """Demonstrated and reproduced control points in space."""
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 
 from .._errors import ShapeError
@@ -14,7 +17,7 @@ def triangle_figure(prepared: PreparedDemonstrations, reproduction: Reproduction
     """Where the control points went in each demonstration and where they go in its reproduction, one panel each.
 
     At instants even in arc length the points are joined up, three to a triangle; the lines are the paths of their
-    centres. In the object's frame.
+    centres. In the object's frame; of a turn alone, about the centres.
 
     **Arguments**: `prepared`, the demonstrations; `reproduction`, of the same ones, by `reproduce`.
     **Returns** a matplotlib `Figure`.
@@ -31,7 +34,7 @@ def triangle_figure(prepared: PreparedDemonstrations, reproduction: Reproduction
     columns = min(N, 3)
     figure = new_figure(4.2 * columns, 3.3 * -(-N // columns) + 0.45)
     space = np.concatenate([p.reshape(-1, 3) for p in (*prepared.points, *reproduction.points)])
-    titles = [f"demonstration {n}: dtw {errors['dtw_cm']:.2f} cm" for n, errors in enumerate(reproduction.errors)]
+    titles = [f"demonstration {n}: {_how_far(errors)}" for n, errors in enumerate(reproduction.errors)]
     panels = space_panels(figure, space, titles, columns)
     for axes, demonstrated, reproduced in zip(panels, prepared.points, reproduction.points, strict=True):
         _draw(axes, demonstrated, BLUE, 2.4, "demonstrated")
@@ -42,6 +45,12 @@ def triangle_figure(prepared: PreparedDemonstrations, reproduction: Reproduction
         axes.plot(*goal[:, None], marker="*", color=GOAL, markersize=13, label="goal", **ends)
     legend_below(figure, panels[0])
     return figure
+
+
+def _how_far(errors: Mapping[str, Any]) -> str:
+    if errors["dtw_cm"] is None:
+        return f"turn {errors['turn_deg']:.2f} degrees"
+    return f"dtw {errors['dtw_cm']:.2f} cm"
 
 
 def outlines(points: np.ndarray, instants: int = _INSTANTS) -> np.ndarray:

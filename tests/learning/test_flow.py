@@ -31,7 +31,8 @@ from jaxrmp.learning import (
     save_skill,
     train_flow,
 )
-from jaxrmp.learning._hand_flow import HandPose, hand_points
+from jaxrmp.learning._hand_flow import hand_points
+from jaxrmp.learning._hand_maps import HandPose
 from jaxrmp.learning._learn_flow import check_turns
 from jaxrmp.policies import whole_arm_policy
 from jaxrmp.synthetic import synthetic_demonstrations

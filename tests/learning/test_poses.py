@@ -3,18 +3,14 @@
 import json
 import tomllib
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from jaxrmp import ConfigurationError, DemonstrationError, FileWarning, ShapeError, UnknownNameError
-from jaxrmp._rotations import quaternion_of_rotation, rotation_of_vector
+from jaxrmp._rotations import rotation_of_vector
 from jaxrmp.cli import main
-from jaxrmp.kinematics import forward_kinematics, panda
+from jaxrmp.kinematics import panda
 from jaxrmp.learning import (
-    PoseDemonstration,
-    PoseDemonstrationSet,
     PoseSettings,
     RecordingSettings,
     configuration_from_dict,
@@ -26,7 +22,8 @@ from jaxrmp.learning import (
     turn_errors,
 )
 
-START = np.array([0.0, -0.5, 0.0, -2.0, 0.0, 1.6, 0.8])
+from .hand_paths import START, as_set, hand, pour, written
+
 SAID = RecordingSettings(units="cm", quaternion="wxyz", rate=30.0)
 CONFIGURATION = """
 name = "pour"
@@ -41,41 +38,6 @@ kind = "pose"
 [poses]
 start = [0.0, -0.5, 0.0, -2.0, 0.0, 1.6, 0.8]
 """
-
-
-def hand(q, frame="panda_hand"):
-    with jax.enable_x64(True):
-        return np.asarray(jax.vmap(lambda q: forward_kinematics(panda(), q, frame))(jnp.asarray(q)))
-
-
-def pour(k, samples=90):
-    """A hand that goes 0.5 m round a bow, lifts, and is turned by 110 degrees meanwhile: poses [T, 4, 4]."""
-    s = np.linspace(0, 1, samples)[:, None]
-    T = np.tile(np.diag([1.0, -1.0, -1.0, 1.0]), (samples, 1, 1))  # the hand down
-    start, end = np.array([0.45, -0.25 + 0.02 * k, 0.35 + 0.02 * k]), np.array([0.5, 0.2, 0.4])
-    T[:, :3, 3] = start + s * (end - start) + np.sin(np.pi * s) * [0.08, 0.0, 0.05 + 0.01 * k]
-    T[:, :3, :3] = rotation_of_vector(np.deg2rad(110) * (1 - s**1.5) * [0.0, 1.0, 0.05 * k]) @ T[:, :3, :3]
-    return T
-
-
-def written(folder, name="pour.npz", flips=False):
-    arrays = {}
-    for k in range(4):
-        T = pour(k)
-        wxyz = quaternion_of_rotation(T[:, :3, :3])
-        if flips:
-            wxyz = wxyz * np.where(np.arange(len(T)) % 7 > 3 + k % 2, -1.0, 1.0)[:, None]
-        arrays |= {f"positions_{k}": 100 * T[:, :3, 3], f"quaternions_{k}": wxyz}
-    np.savez(folder / name, **arrays)
-    return folder / name
-
-
-def as_set(ways, poses=None):
-    demonstrations = [
-        PoseDemonstration(np.arange(len(T)) / 30, T[:, :3, 3], quaternion_of_rotation(T[:, :3, :3]), poses or {})
-        for T in ways
-    ]
-    return PoseDemonstrationSet(tuple(demonstrations))
 
 
 def test_the_hand_goes_through_every_pose_within_the_limits():

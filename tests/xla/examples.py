@@ -12,7 +12,8 @@ from jaxrmp.io._axes_and_position import AxesAndPosition
 from jaxrmp.kinematics import ControlPoints, FrameAxes, FrameRotation, PointsInFrame, Position, RelativePoints, panda
 from jaxrmp.learning import initial_flow
 from jaxrmp.learning._flow import Flow
-from jaxrmp.learning._hand_flow import HandPose, Stacked
+from jaxrmp.learning._hand_maps import AboutMiddle, BeyondTurn, HandPose, HandTurn, Stacked
+from jaxrmp.learning._turn_attractor import TurnAttractor
 from jaxrmp.leaves import (
     Attractor,
     CollisionAvoidance,
@@ -63,6 +64,7 @@ LEAVES = {
     type(SYSTEM): (SYSTEM, (3,)),
     Attractor: (Attractor(np.ones(3)), (3,)),
     CruisingAttractor: (CruisingAttractor(np.ones(3), taper=0.5), (3,)),
+    TurnAttractor: (TurnAttractor(1.5, taper=0.5), (4,)),
     CollisionAvoidance: (CollisionAvoidance(reach=2.0, frequency=20.0), (3,)),
     Damping: (Damping(), (3,)),
     Detour: (Detour(2.0, reach=2.0, taper=0.5), (5,)),
@@ -85,6 +87,7 @@ LEAVES = {
     lula.PositionTarget: (lula.PositionTarget(np.ones(3)), (3,)),
     lula.SpeedDamping: (lula.SpeedDamping(), (3,)),
 }
+HANDS = (HandPose, HandTurn, BeyondTurn)
 MAPS = {
     jaxrmp.Identity: (jaxrmp.Identity(), (3,)),
     jaxrmp.Selection: (jaxrmp.Selection((2, 0)), (3,)),
@@ -100,7 +103,8 @@ MAPS = {
     FrameRotation: (FrameRotation(ROBOT, "panda_link3"), (7,)),
     Flow: (FLOW, (4,)),
     Stacked: (Stacked(HAND), (7,)),
-    HandPose: (HandPose(jnp.asarray([[0.1, 0, 0], [-0.05, 0.0866, 0], [-0.05, -0.0866, 0]])), (9,)),
+    AboutMiddle: (AboutMiddle(HAND), (7,)),
+    **{kind: (kind(jnp.asarray([[0.1, 0, 0], [-0.05, 0.0866, 0], [-0.05, -0.0866, 0]])), (9,)) for kind in HANDS},
     Position: (Position(ROBOT, "panda_link3"), (7,)),
     RelativePoints: (RelativePoints(POINTS, jnp.sin), (3,)),
     PointsInFrame: (PointsInFrame(ROBOT, "panda_link3", HAND), (7,)),
