@@ -114,11 +114,11 @@ class FlowSettings:
     displacement: NonNegative[float] = 0.1
     conditioning: NonNegative[float] = 0.01
     identity: NonNegative[float] = 0.1
-    circumradius: Positive[float] = 0.15
+    circumradius: Positive[float] = 0.2
     weight: Positive[float] = 15.0
     funnel: NonNegative[float] = 18.0
     onset: NonNegative[float] = 0.6
-    inner: Positive[float] = 1.2
+    inner: Positive[float] = 1.0
     outer: Positive[float] = 2.2
     lead: NonNegative[float] = 0.7
     posture: NonNegative[float] = 0.003

@@ -26,8 +26,7 @@ _EVERY = 25  # one of so many is compared at an update
 _JUDGED = 8  # one of so many tells in the end how much the flow stretches space
 _UPDATES_A_CALL = 100
 _PROBES = 16  # places near and as many far at an update at which the flow is kept from stretching and turning space
-_LEAST_STRETCH, _MOST_STRETCH = 0.02, 50.0  # of space by a flow, on the demonstrations
-_MOST_TIMED = 150.0  # where it has to be slow in some places and fast in others
+_LEAST_STRETCH, _MOST_STRETCH = 0.02, 150.0  # of space by a flow, on the demonstrations
 _HUBER, _HUBER_TIMED = 0.1, 0.3  # error, over the flow's length, from where on it counts linearly
 _UNSHOWN = 0.5  # what a path counts that nobody showed
 
@@ -147,13 +146,13 @@ def _slopes(flow: Flow, x: jax.Array) -> jax.Array:
     return jax.vmap(lambda x: flow.pushforward(x, jnp.zeros_like(x)).J)(x)
 
 
-def check_stretch(fit: FlowFit, timed: bool = False) -> None:
-    """**Raises** `TrainingError` for a flow that rollouts could not follow; `timed`, if it was trained so."""
-    (least, largest), most = fit.stretch, _MOST_TIMED if timed else _MOST_STRETCH
-    if not (least >= _LEAST_STRETCH and largest <= most):
+def check_stretch(fit: FlowFit) -> None:
+    """**Raises** `TrainingError` for a flow that rollouts could not follow."""
+    least, largest = fit.stretch
+    if not (least >= _LEAST_STRETCH and largest <= _MOST_STRETCH):
         raise TrainingError(
             f"the flow stretches space by {least:.2g} to {largest:.2g} on the demonstrations, allowed {_LEAST_STRETCH} "
-            f"to {most}. Lower flow.learning_rate or raise flow.conditioning."
+            f"to {_MOST_STRETCH}. Lower flow.learning_rate or raise flow.conditioning."
         )
 
 

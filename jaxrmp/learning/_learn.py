@@ -99,7 +99,7 @@ def learn(
             with ThreadPoolExecutor(1) as beside:  # compiles what is to judge a flow while that is trained
                 compiling = beside.submit(as_here(compile_ahead), skill, robot, prepared, duration)
                 flow = learn_flow(configuration, lesson, progress)
-                check_stretch(flow.fit, configuration.policy.tempo == "demonstrated")
+                check_stretch(flow.fit)
                 lap("flow")
                 progress("reproducing", 0.0)
                 compiling.result()
