@@ -31,7 +31,7 @@ from jaxrmp.learning import (
     save_skill,
     train_flow,
 )
-from jaxrmp.learning._hand_flow import hand_points
+from jaxrmp.learning._hand_flow import _followed, hand_points
 from jaxrmp.learning._hand_maps import HandPose
 from jaxrmp.learning._learn_flow import check_turns
 from jaxrmp.policies import whole_arm_policy
@@ -317,3 +317,13 @@ def test_points_that_stand_for_a_hand():
         same, turned = hand_points(frames, points, 0.1)
         assert not turned
         np.testing.assert_array_equal(same, points)
+
+
+def test_postures_follow_hands_to_first_order_and_never_far():
+    """A step in rad that an inverse near a singularity makes is cut, in its direction."""
+    q, hands = jnp.zeros((2, 3)), jnp.zeros((2, 1, 3))
+    moved = jnp.array([[[0.1, 0.2, -0.1]], [[0.1, 0.2, -0.1]]])
+    moves = jnp.stack([jnp.eye(3), 100 * jnp.eye(3)])
+    near, far = np.asarray(_followed(q, hands, moved, moves))
+    np.testing.assert_allclose(near, [0.1, 0.2, -0.1], rtol=1e-6)
+    np.testing.assert_allclose(far, 0.5 * near / np.linalg.norm(near), rtol=1e-6)
