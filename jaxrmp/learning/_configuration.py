@@ -94,7 +94,8 @@ class MetricSettings:
 
 @settings("flow")
 class FlowSettings:
-    """The flow and its training. `couplings` L and `hidden`, the width of their networks; `updates`, `learning_rate`;
+    """The flow and its training. `couplings` L and `hidden`, the width of their networks; `updates`, half as many again of
+    a demonstrated tempo, and `learning_rate`;
     `mixtures`, paths between two demonstrations that are followed too, an update; `displaced`, how many more with their
     start displaced, by normal noise of standard deviation `displacement`, m; `conditioning`, against stretching space
     near the demonstrations; `identity`, to leave space as it is far from them; `circumradius`, m, of the triangle

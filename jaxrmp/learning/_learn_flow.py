@@ -60,6 +60,8 @@ def learn_flow(
     **Raises** `TrainingError` as `train_flow`.
     """
     settings = configuration.flow
+    if lesson.timing is not None:
+        settings = replace(settings, updates=3 * settings.updates // 2)
     fit = train_flow(
         lesson.paths,
         lesson.far,
