@@ -5,7 +5,10 @@ import gc
 import os
 import resource
 import sys
+import sysconfig
+import venv
 from collections.abc import Callable
+from importlib import metadata
 from pathlib import Path
 
 # Tests compile much and run little of it. XLA takes a quarter of the time without these two, and runs nearly as fast.
@@ -14,6 +17,7 @@ os.environ["XLA_FLAGS"] = f"{_FLAGS} {os.environ.get('XLA_FLAGS', '')}"  # read 
 
 import jax  # noqa: E402
 import pytest  # noqa: E402
+from packaging.requirements import Requirement  # noqa: E402
 
 if not os.environ.get("JAX_COMPILATION_CACHE_DIR"):
     jax.config.update("jax_compilation_cache_dir", str(Path(__file__).parent.parent / ".jax_cache"))
@@ -66,6 +70,31 @@ def once(tmp_path_factory) -> Callable[[str, Callable[[Path], object]], Path]:
         return folder
 
     return once
+
+
+@pytest.fixture(scope="session")
+def bare_python(once) -> Path:
+    """The interpreter of a fresh virtual environment that holds what `pip install jaxrmp` brings and nothing else: the
+    files of this one's distributions that jaxrmp's base dependencies ask for, and the package itself."""
+
+    def make(folder: Path) -> None:
+        venv.create(folder / "bare", with_pip=False, symlinks=True)
+        site = Path(sysconfig.get_path("purelib", vars={"base": str(folder / "bare")}))
+        wanted, held = ["jaxrmp"], set()
+        while wanted:
+            name = wanted.pop()
+            for line in metadata.requires(name) or ():
+                requirement = Requirement(line)
+                if requirement.marker is None or requirement.marker.evaluate({"extra": ""}):
+                    wanted += {requirement.name} - held
+                    held.add(requirement.name)
+        for name in held:
+            files = metadata.files(name) or ()
+            for top in {file.parts[0] for file in files} - {"..", "__pycache__"}:
+                (site / top).symlink_to(metadata.distribution(name).locate_file(top))
+        (site / "jaxrmp").symlink_to(Path(__file__).parents[1] / "jaxrmp")
+
+    return once("bare-python", make) / "bare" / "bin" / "python"
 
 
 @pytest.fixture(scope="session")

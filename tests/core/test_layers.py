@@ -37,9 +37,7 @@ OPTIONAL = [
 # Which third-party packages a module may import as it is imported; all others only inside functions.
 ALWAYS = {"jax", "numpy"}
 OWNERS = {
-    "learning/_metric_network.py": {"flax"},
-    "learning/_metric_training.py": {"optax"},
-    "learning/_flow_training.py": {"optax"},
+    "learning/_initial_weights.py": {"flax"},
 }
 OWNING_PARTS = {"synthetic": {"scipy"}, "visualization": {"matplotlib", "mpl_toolkits"}}
 LAZY_IN_CORE = {"kinematics/_mujoco.py": {"mujoco"}, "kinematics/_meshes.py": {"trimesh"}}
