@@ -2,12 +2,15 @@
 
 import ctypes.util
 import gc
+import json
 import os
 import resource
+import subprocess
 import sys
 import sysconfig
 import venv
 from collections.abc import Callable
+from functools import partial
 from importlib import metadata
 from pathlib import Path
 
@@ -74,27 +77,71 @@ def once(tmp_path_factory) -> Callable[[str, Callable[[Path], object]], Path]:
 
 @pytest.fixture(scope="session")
 def bare_python(once) -> Path:
-    """The interpreter of a fresh virtual environment that holds what `pip install jaxrmp` brings and nothing else: the
-    files of this one's distributions that jaxrmp's base dependencies ask for, and the package itself."""
+    """The interpreter of a fresh virtual environment that holds what `pip install jaxrmp` brings and nothing else."""
 
     def make(folder: Path) -> None:
-        venv.create(folder / "bare", with_pip=False, symlinks=True)
-        site = Path(sysconfig.get_path("purelib", vars={"base": str(folder / "bare")}))
-        wanted, held = ["jaxrmp"], set()
-        while wanted:
-            name = wanted.pop()
-            for line in metadata.requires(name) or ():
-                requirement = Requirement(line)
-                if requirement.marker is None or requirement.marker.evaluate({"extra": ""}):
-                    wanted += {requirement.name} - held
-                    held.add(requirement.name)
-        for name in held:
-            files = metadata.files(name) or ()
-            for top in {file.parts[0] for file in files} - {"..", "__pycache__"}:
-                (site / top).symlink_to(metadata.distribution(name).locate_file(top))
+        site = environment(folder / "bare", base_of("jaxrmp"))
         (site / "jaxrmp").symlink_to(Path(__file__).parents[1] / "jaxrmp")
 
     return once("bare-python", make) / "bare" / "bin" / "python"
+
+
+@pytest.fixture(scope="session")
+def jax_python(once) -> Path:
+    """The interpreter of a fresh virtual environment with jax and flatbuffers, and no jaxrmp."""
+    pytest.importorskip("flatbuffers", reason="needs flatbuffers: pip install 'jaxrmp[export]'")
+    make = partial(environment, wanted={"jax", "flatbuffers"} | base_of("jax"))
+    return once("jax-python", lambda folder: make(folder / "jax")) / "jax" / "bin" / "python"
+
+
+def environment(folder: Path, wanted: set[str]) -> Path:
+    """A virtual environment in `folder` of this one's files of the `wanted` distributions; its folder of packages."""
+    venv.create(folder, with_pip=False, symlinks=True)
+    site = Path(sysconfig.get_path("purelib", "venv", vars={"base": str(folder)}))
+    for name in wanted:
+        for top in {file.parts[0] for file in metadata.files(name) or ()} - {"..", "__pycache__"}:
+            (site / top).symlink_to(metadata.distribution(name).locate_file(top))
+    return site
+
+
+def base_of(name: str) -> set[str]:
+    """The distributions that one asks for where no extra is, directly or not."""
+    held, left = set(), [name]
+    while left:
+        for line in metadata.requires(left.pop()) or ():
+            requirement = Requirement(line)
+            if requirement.marker is None or requirement.marker.evaluate({"extra": ""}):
+                left += {requirement.name} - held
+                held.add(requirement.name)
+    return held
+
+
+def run_in(python: Path, program: str, *arguments) -> dict:
+    """What a program prints last, as JSON, run by an interpreter that sees nothing of this environment."""
+    hidden = ("PYTHONPATH", "PYTHONHOME", "VIRTUAL_ENV")
+    done = subprocess.run(
+        [str(python), "-c", program, *map(str, arguments)],
+        check=False,
+        capture_output=True,
+        text=True,
+        env={key: value for key, value in os.environ.items() if key not in hidden},
+        cwd=python.parent,
+        timeout=300,
+    )
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout.splitlines()[-1])
+
+
+@pytest.fixture(scope="session")
+def run_bare(bare_python) -> Callable[..., dict]:
+    """`run_in` with `bare_python`."""
+    return partial(run_in, bare_python)
+
+
+@pytest.fixture(scope="session")
+def run_jax(jax_python) -> Callable[..., dict]:
+    """`run_in` with `jax_python`."""
+    return partial(run_in, jax_python)
 
 
 @pytest.fixture(scope="session")

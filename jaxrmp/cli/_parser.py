@@ -86,6 +86,17 @@ _COMMANDS: dict[str, tuple[str, str, str, list[tuple[str, dict[str, Any]]]]] = {
             _argument("--dt S", "seconds a step", 0.005),
         ],
     ),
+    "export": (
+        "write a skill as a file that other programs run",
+        "As StableHLO, joint accelerations [n] of joint positions and velocities [n] and the object's pose [4, 4], in "
+        "single precision: run by jax.export.deserialize(content).call where jax and flatbuffers are installed.",
+        f"{_DRAWER} --stablehlo drawer.stablehlo",
+        [
+            _argument("SKILL", _SKILL),
+            _argument("--robot FILE", _MOVED, type=str),
+            _argument("--stablehlo FILE", "write the program here", required=True),
+        ],
+    ),
     "run": (
         "run a skill in physics",
         "Trials in MuJoCo at 1 kHz with contacts and torque limits: first from every demonstration's "

@@ -1,6 +1,7 @@
 """Spheres that cover a robot, made from the geometry of its own model."""
 
 import functools
+import math
 import os
 import weakref
 from collections.abc import Callable, Mapping, Sequence
@@ -41,7 +42,7 @@ class RobotSpheres:
     frames: tuple[str, ...] = static()
     offsets: jax.Array | np.ndarray
     radii: NonNegative[Finite[jax.Array | np.ndarray]]
-    coverage_error: float = static(default=float("nan"))
+    coverage_error: float = static(default=math.nan)
 
     def __post_init__(self):
         set_field(self, "frames", tuple(self.frames))

@@ -1,10 +1,6 @@
 """What `pip install jaxrmp` alone runs: skills of both methods, on their own robots, with jax and numpy only."""
 
-import json
-import os
-import subprocess
 from dataclasses import replace
-from pathlib import Path
 
 import jax
 import numpy as np
@@ -18,26 +14,8 @@ from jaxrmp.learning import load_skill, save_skill
 Q = np.array([0.1, -0.6, 0.2, -2.0, 0.1, 1.6, 0.7], np.float32)
 
 
-def run(python: Path, program: str, *arguments) -> dict:
-    """What a program prints last, as JSON, run by an interpreter that sees nothing of this environment."""
-    hidden = ("PYTHONPATH", "PYTHONHOME", "VIRTUAL_ENV")
-    env = {key: value for key, value in os.environ.items() if key not in hidden}
-    done = subprocess.run(
-        [str(python), "-c", program, *map(str, arguments)],
-        check=False,
-        capture_output=True,
-        text=True,
-        env=env,
-        cwd=python.parent,
-        timeout=300,
-    )
-    assert done.returncode == 0, done.stderr
-    return json.loads(done.stdout.splitlines()[-1])
-
-
-def test_the_bare_environment_is_bare(bare_python):
-    found = run(
-        bare_python,
+def test_the_bare_environment_is_bare(run_bare):
+    found = run_bare(
         """
 import importlib.util as u, json, jaxrmp
 names = ("mujoco", "flax", "optax", "cvxpy", "clarabel", "matplotlib", "tqdm", "shtab", "yaml", "pyarrow", "h5py",
@@ -65,10 +43,10 @@ print(json.dumps({"qdd": act(q, qd).tolist(), "own": skill.robot.fingerprint == 
 
 
 @pytest.mark.parametrize("method", ["paper", "flow"])
-def test_a_skill_of_the_panda_runs_bare(bare_python, drawer_skill, door_flow, tmp_path, method):
+def test_a_skill_of_the_panda_runs_bare(run_bare, drawer_skill, door_flow, tmp_path, method):
     skill = drawer_skill if method == "paper" else door_flow.skill
     file = save_skill(skill, tmp_path / "reach.skill.npz")
-    found = run(bare_python, SKILL, file, Q.tolist())
+    found = run_bare(SKILL, file, Q.tolist())
     here = jax.jit(acceleration)(load_skill(file).tree(skill.load_robot()), Q, 0 * Q)
     assert skill.method == method and found["own"] and found["left"] == [] and found["name"] == "panda"
     np.testing.assert_allclose(found["qdd"], here, rtol=2e-3, atol=2e-3)  # by programs that XLA fuses otherwise
@@ -87,25 +65,24 @@ def of_file(drawer_skill, tmp_path):
 
 
 @pytest.mark.parametrize("there", [True, False])
-def test_a_skill_of_a_robot_of_a_file_runs_bare(bare_python, of_file, tmp_path, there):
+def test_a_skill_of_a_robot_of_a_file_runs_bare(run_bare, of_file, tmp_path, there):
     skill, file = of_file
     if not there:
         file.unlink()
-    found = run(bare_python, SKILL, save_skill(skill, tmp_path / "reach.skill.npz"), Q.tolist())
+    found = run_bare(SKILL, save_skill(skill, tmp_path / "reach.skill.npz"), Q.tolist())
     here = jax.jit(acceleration)(skill.tree(skill.robot), Q, 0 * Q)
     assert found["name"] == "arm" and found["left"] == []
     np.testing.assert_allclose(found["qdd"], here, rtol=2e-3, atol=2e-3)
 
 
-def test_what_needs_more_says_so(bare_python, of_file, tmp_path):
+def test_what_needs_more_says_so(run_bare, of_file, tmp_path):
     skill, _ = of_file
     old = save_skill(replace(skill, robot_record=None), tmp_path / "old.skill.npz")
-    found = run(
-        bare_python,
+    found = run_bare(
         """
 import json, sys
 import jax, numpy as np, jaxrmp
-from jaxrmp import kinematics, learning, policies, scenes, simulation, synthetic
+from jaxrmp import export, kinematics, learning, policies, scenes, simulation, synthetic
 skill = learning.load_skill(sys.argv[1])
 def told(function, *arguments):
     try:
@@ -119,6 +96,7 @@ print(json.dumps([
     told(learning.initial_cholesky_factor, jax.random.key(0)),
     told(learning.train_metrics, zeros, zeros, zeros),
     told(learning.train_flow, [np.linspace([1.0, 1.0, 1.0], [0.0, 0.0, 0.0], 50)], np.zeros((0, 3))),
+    told(export.stablehlo, lambda q: q, np.zeros(7)),
 ]))
 """,
         old,
@@ -131,4 +109,5 @@ print(json.dumps([
     learned = [
         f"{name} is needed for this and is not installed: pip install 'jaxrmp[learning]'." for name in ("flax", "optax")
     ]
-    assert found[2:] == [learned[0], learned[1], learned[1]]
+    assert found[2:5] == [learned[0], learned[1], learned[1]]
+    assert found[5] == "flatbuffers is needed for this and is not installed: pip install 'jaxrmp[export]'."
