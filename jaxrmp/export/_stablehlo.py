@@ -36,7 +36,7 @@ def stablehlo(function: Callable[..., Any], *examples: Any, platforms: Sequence[
     >>> from jaxrmp.leaves import Posture
     >>> q = np.zeros(2, np.float32)
     >>> content = stablehlo(lambda q, qd: jaxrmp.acceleration(Posture(0 * q, stiffness=4.0), q, qd), q, q)
-    >>> jax.export.deserialize(bytearray(content)).call(q + 1, q).tolist()
+    >>> jax.export.deserialize(bytearray(content)).call(q + 1, q).round(3).tolist()
     [-4.0, -4.0]
     """
     _require_flatbuffers()
@@ -59,7 +59,10 @@ def stablehlo(function: Callable[..., Any], *examples: Any, platforms: Sequence[
 def write_stablehlo(
     path: str | os.PathLike, function: Callable[..., Any], *examples: Any, platforms: Sequence[str] = ("cpu",)
 ) -> Path:
-    """Write what `stablehlo` returns to the file `path`, which appears whole or not at all. **Raises** as that."""
+    """Write what `stablehlo` returns to the file `path`, which appears whole or not at all.
+
+    **Arguments**: `function`, `examples` and `platforms` as in `stablehlo`; **raises** as that.
+    """
     content, path = stablehlo(function, *examples, platforms=platforms), Path(path)
     with atomic_write(path) as file:
         file.write(content)
@@ -67,8 +70,8 @@ def write_stablehlo(
 
 
 def load_stablehlo(source: str | os.PathLike | bytes) -> Callable[..., Any]:
-    """The function of a file that `write_stablehlo` wrote, or of the bytes of `stablehlo`: jitted, of the same
-    arguments.
+    """The function of a file that `write_stablehlo` wrote, or of the bytes of `stablehlo`, `source`: jitted, of the
+    same arguments.
 
     **Raises** `ConfigurationError` if it is no such program, or a class of its arguments is not there;
     `MissingDependencyError` where flatbuffers is not installed.

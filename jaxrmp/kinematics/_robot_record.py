@@ -38,7 +38,7 @@ def record_of(robot: Robot) -> RobotRecord:
 
 
 def record_to_dict(record: RobotRecord) -> dict[str, Any]:
-    """What JSON can hold of a record, exactly; `record_from_dict` makes the same record of it.
+    """What JSON can hold of a `record`, exactly; `record_from_dict` makes the same record of it.
 
     A limit that there is not is null. A file within this package is named from its folder of kinematics.
     """
@@ -55,7 +55,7 @@ def record_to_dict(record: RobotRecord) -> dict[str, Any]:
 
 
 def record_from_dict(content: dict[str, Any]) -> RobotRecord:
-    """The record of what `record_to_dict` made. **Raises** `RobotError` for what that would not make."""
+    """The record of the `content` that `record_to_dict` made. **Raises** `RobotError` for what that would not make."""
     if not isinstance(content, dict) or set(content) != set(_KEYS):
         raise RobotError(f"a robot's record has {sorted(content)}, expected {sorted(_KEYS)}.")
     try:
