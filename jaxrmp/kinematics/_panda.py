@@ -10,7 +10,7 @@ from ._robot_record import record_from_dict
 PANDA_MODEL = Path(__file__).parent / "models" / "panda.xml"
 """MJCF of the Panda with its hand: kinematics, inertias, primitive geometry, torque motors."""
 
-PANDA_NUMBERS = PANDA_MODEL.with_suffix(".json")  # its kinematics as plain numbers, by `make_panda_numbers`
+PANDA_NUMBERS = PANDA_MODEL.with_suffix(".json")  # its kinematics as plain numbers, by `_make_panda_numbers`
 
 
 @functools.cache

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from jaxrmp.kinematics import PANDA_MODEL, panda
-from jaxrmp.kinematics.models.make_panda_numbers import panda_of_its_file
+from jaxrmp.kinematics._make_panda_numbers import panda_of_its_file
 
 
 @pytest.fixture(scope="module")
@@ -47,7 +47,7 @@ def test_limits_and_masses_are_the_published_ones(model):
 
 
 def test_its_plain_numbers_are_those_of_its_file():
-    """Else: python -m jaxrmp.kinematics.models.make_panda_numbers"""
+    """Else: python -m jaxrmp.kinematics._make_panda_numbers"""
     of_file, of_numbers = panda_of_its_file(), panda()
     assert of_numbers.fingerprint == of_file.fingerprint  # numbers to 1e-9, names, and how they hang together
     assert of_numbers.name == of_file.name and of_numbers.source == of_file.source == str(PANDA_MODEL.resolve())

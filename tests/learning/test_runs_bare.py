@@ -8,8 +8,10 @@ import pytest
 
 import jaxrmp
 from jaxrmp import acceleration
-from jaxrmp.kinematics import PANDA_MODEL, load_robot, record_of
+from jaxrmp.kinematics import PANDA_MODEL, load_robot, panda, record_of
 from jaxrmp.learning import load_skill, save_skill
+from jaxrmp.policies import reaching_policy, whole_arm_policy
+from jaxrmp.world import Spheres, World
 
 Q = np.array([0.1, -0.6, 0.2, -2.0, 0.1, 1.6, 0.7], np.float32)
 
@@ -111,3 +113,35 @@ print(json.dumps([
     ]
     assert found[2:5] == [learned[0], learned[1], learned[1]]
     assert found[5] == "flatbuffers is needed for this and is not installed: pip install 'jaxrmp[export]'."
+
+
+WHOLE = """
+import json, sys, warnings
+import jax, numpy as np
+warnings.simplefilter("error")
+from jaxrmp import acceleration, compiled
+from jaxrmp.learning import load_skill
+from jaxrmp.policies import reaching_policy, whole_arm_policy
+from jaxrmp.world import Spheres, World
+skill = load_skill(sys.argv[1])
+q = np.array(json.loads(sys.argv[2]), np.float32)
+robot, T = skill.load_robot(), np.asarray(skill.T_world_object)
+world = World(spheres=Spheres.of([((0.4, 0.1, 0.5), 0.05)]))
+found = []
+for policy in (whole_arm_policy(skill, robot), reaching_policy(robot, "panda_hand_tcp")):
+    act = compiled(lambda T, q, qd, policy=policy: acceleration(policy.tree(T, world), q, qd), T, q, q)
+    found.append(act(T, q, 0 * q).tolist())
+print(json.dumps({"found": found, "left": sorted({"mujoco", "flax", "optax", "cvxpy"} & set(sys.modules))}))
+"""
+
+
+def test_a_whole_arm_runs_bare(run_bare, door_flow, tmp_path):
+    skill, robot = door_flow.skill, panda()
+    found = run_bare(WHOLE, save_skill(skill, tmp_path / "reach.skill.npz"), Q.tolist())
+    assert found["left"] == []
+    world = World(spheres=Spheres.of([((0.4, 0.1, 0.5), 0.05)]))
+    for qdd, policy in zip(
+        found["found"], (whole_arm_policy(skill, robot), reaching_policy(robot, "panda_hand_tcp")), strict=True
+    ):
+        here = jax.jit(acceleration)(policy.tree(skill.T_world_object, world), Q, 0 * Q)
+        np.testing.assert_allclose(qdd, here, rtol=2e-3, atol=2e-3)

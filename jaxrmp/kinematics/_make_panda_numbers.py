@@ -1,6 +1,6 @@
-"""Writes `panda.json`, the kinematics of `panda.xml` beside it as plain numbers: after every change of that.
+"""Writes `models/panda.json`, the kinematics of `models/panda.xml` as plain numbers: after every change of that.
 
-python -m jaxrmp.kinematics.models.make_panda_numbers
+python -m jaxrmp.kinematics._make_panda_numbers
 """
 
 import json
@@ -8,10 +8,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from .._load import load_robot
-from .._panda import PANDA_MODEL, PANDA_NUMBERS
-from .._robot import Robot
-from .._robot_record import record_of, record_to_dict
+from ._load import load_robot
+from ._panda import PANDA_MODEL, PANDA_NUMBERS
+from ._robot import Robot
+from ._robot_record import record_of, record_to_dict
 
 _VELOCITY = (2.175, 2.175, 2.175, 2.175, 2.61, 2.61, 2.61)  # rad/s, manufacturer's figures
 
