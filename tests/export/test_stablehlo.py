@@ -16,7 +16,7 @@ from jaxrmp._structure import structure_from_bytes, structure_to_bytes
 from jaxrmp.cli import main
 from jaxrmp.kinematics import panda, record_of
 from jaxrmp.leaves import Damping
-from jaxrmp.policies import reaching_policy
+from jaxrmp.policies import reaching_policy, whole_arm_policy
 from jaxrmp.world import Spheres, World
 from jaxrmp.xla import machinery
 
@@ -53,7 +53,8 @@ def test_a_skill_is_the_same_bit_for_bit_where_only_jax_is_installed(run_jax, dr
     assert main(["export", str(learned_drawer / "drawer_closing.skill.npz"), "--stablehlo", str(file)]) == 0
     states = [(Q, QD, np.asarray(drawer_skill.T_world_object)), (Q + QD, 0 * QD, moved(drawer_skill))]
     found = run_jax(PLAIN, file, json.dumps([[a.tolist() for a in state] for state in states]))
-    policy = lambda q, qd, T: acceleration(drawer_skill.tree(panda(), T), q, qd)  # noqa: E731
+    arm = whole_arm_policy(drawer_skill, panda())
+    policy = lambda q, qd, T: acceleration(arm.tree(T, World()), q, qd)  # noqa: E731
     same = jax.export.deserialize(bytearray(file.read_bytes())).call
     here = [np.asarray(same(*state)) for state in states]
     np.testing.assert_array_equal(np.array(found, np.int32), [qdd.view(np.int32) for qdd in here])
