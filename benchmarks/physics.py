@@ -1,17 +1,20 @@
 """The bars of the experiments in physics, by the command line that anyone can call.
 
 Skills are learned into out/benchmarks where they are not there yet, from the recordings (with `JAXRMP_DATA` set) and
-from the synthetic demonstrations.
+from the synthetic demonstrations. `times_kinematic`: the path's error (DTW), in the mean over trials that start as a
+demonstration did, over that of kinematic rollouts of the skill's own tree to the same targets.
 """
 
 import json
 import os
+from functools import cache
 from typing import Any
 
 from jaxrmp.cli import main
+from jaxrmp.learning import load_skill, prepare, reproduce
 
 from ._report import FOLDER
-from ._skills import skill_file
+from ._skills import demonstrations, skill_file
 
 _TRACKER = ["--displace", "--tracker-delay", "0.1", "--tracker-dropouts", "0.1"]
 _HELD = ["--learned-rate", "50"]
@@ -47,7 +50,8 @@ def _row(source: str, name: str, task: str, arguments: list[str], skipped: int) 
     file = FOLDER / "run.json"
     if main(["run", str(skill), *arguments, "--json", str(file)]):
         raise SystemExit(f"jaxrmp run {skill} {' '.join(arguments)} failed")
-    trials = json.loads(file.read_text())["per_trial"][skipped:]
+    result = json.loads(file.read_text())
+    trials, path = result["per_trial"][skipped:], result["path"] if not skipped else None
     return {
         "name": name,
         "source": source,
@@ -58,4 +62,15 @@ def _row(source: str, name: str, task: str, arguments: list[str], skipped: int) 
         "worst_error_mm": 1000 * max(t["final_error_m"] for t in trials),
         "mean_time_s": sum(t["time_s"] for t in trials) / len(trials),
         "saturated": max(t["saturated"] for t in trials),
+        "path_dtw_cm": path and path["dtw_cm"],
+        "times_kinematic": path and path["dtw_cm"] / _kinematic(task, source),
     }
+
+
+@cache
+def _kinematic(task: str, source: str) -> float:
+    """The mean DTW, cm, of demonstrations that are reproduced kinematically, to the skill's targets."""
+    skill = load_skill(skill_file(task, source))
+    robot = skill.configuration.load_robot()
+    prepared = prepare(skill.configuration, robot, demonstrations(task, source))
+    return reproduce(skill, robot, prepared, own_targets=False).mean["dtw_cm"]

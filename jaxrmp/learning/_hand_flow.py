@@ -25,6 +25,7 @@ from ._turn_attractor import TurnAttractor
 _DAMPING = 0.02  # of inverse kinematics, m (and rad), so that near a singularity joints stay where they are
 _PACE = 5.0  # rad/m: how fast the funnel moves joints, by the hand's speed
 _AT_ONCE = 32  # postures in a call of what is compiled
+_FARTHEST = 0.5  # rad or m, that a posture of the funnel follows an object
 _MARGIN = 0.05  # rad or m that moved postures keep from limits
 _AXES = 500  # of turns along which a flow is looked at where its coordinates fade
 _FADING = 130.0, 165.0  # degrees, where that is
@@ -262,5 +263,8 @@ def _placed_at(points: jax.Array, T: jax.Array) -> jax.Array:
 
 
 def _followed(q: jax.Array, hands: jax.Array, moved: jax.Array, moves: jax.Array) -> jax.Array:
-    """Postures `q` [S, n] after their `hands` went to `moved`, both [S, P, 3]: to first order, by `moves`."""
-    return q + einsum("sij,sj->si", moves, (moved - hands).reshape(len(q), -1))
+    """Postures `q` [S, n] after their `hands` went to `moved`, both [S, P, 3]: to first order, by `moves`, and no
+    farther than that can be believed, which near a singularity is not far."""
+    steps = einsum("sij,sj->si", moves, (moved - hands).reshape(len(q), -1))
+    far = jnp.sqrt(jnp.maximum(jnp.sum(steps**2, -1, keepdims=True), _FARTHEST**2))
+    return q + steps * (_FARTHEST / far)
