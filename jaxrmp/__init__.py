@@ -74,6 +74,7 @@ from .xla import compiled as compiled
 
 _ON_FIRST_USE = (
     "evaluation",
+    "export",
     "io",
     "learning",
     "policies",

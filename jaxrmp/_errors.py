@@ -89,8 +89,9 @@ class UnsafeFileWarning(FileWarning):
 class MissingDependencyError(JaxrmpError, ImportError):
     """An optional package is needed for this and is not installed."""
 
-    def __init__(self, package: str, extra: str):
-        super().__init__(f"{package} is needed for this and is not installed: pip install 'jaxrmp[{extra}]'.")
+    def __init__(self, package: str, extra: str, what: str = "this"):
+        super().__init__(f"{package} is needed for {what} and is not installed: pip install 'jaxrmp[{extra}]'.")
+        self.package, self.extra = package, extra
 
 
 @contextlib.contextmanager

@@ -10,12 +10,15 @@ import operator
 from typing import Any, TypeVar, dataclass_transform
 
 import jax
+import jax.export
 import numpy as np
 
 from ._ranges import with_ranges
+from ._structure import structure_from_bytes, structure_to_bytes
 
 T = TypeVar("T")
 _FLATTENED = "_flattened"
+_named: set[str] = set()
 
 
 def static(**kwargs: Any) -> Any:
@@ -58,7 +61,25 @@ def pytree(cls: type[T]) -> type[T]:
         return value
 
     jax.tree_util.register_pytree_with_keys(cls, flatten_with_keys, unflatten, operator.attrgetter(_FLATTENED))
+    _name_in_files(cls)
     return cls
+
+
+def _name_in_files(cls: type) -> None:
+    """Tell `jax.export` how to write values of `cls` where a program takes or returns them.
+
+    JAX has one class for a name, and keeps it: one that is defined again, as by a notebook's cell, is not told.
+    """
+    name = f"{cls.__module__}.{cls.__qualname__}"
+    if name in _named:
+        return
+    _named.add(name)
+    jax.export.register_pytree_node_serialization(
+        cls,
+        serialized_name=name,
+        serialize_auxdata=structure_to_bytes,
+        deserialize_auxdata=structure_from_bytes,
+    )
 
 
 def as_pytree(function: Any) -> Any:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from ._errors import ShapeError
 from ._forms import DiagonalForm
@@ -102,6 +103,8 @@ def at_points(visitor: Visitor, node: "Node", shared: bool, state: Any) -> Any:
     K = None if shared else points_of(node)
     if len(shape) < 2 or K not in (None, shape[0]):
         raise ShapeError(f"x has shape {shape}, expected [{K or 'K'}, m]: a batched node acts on points.")
+    # JAX's own arrays: it fails where a function with a derivative of its own meets NumPy's as constants under vmap.
+    node = jax.tree.map(lambda a: jnp.asarray(a) if isinstance(a, np.ndarray) else a, node)
     return jax.vmap(lambda node, state: node.accept(visitor, state), in_axes=(None if shared else 0, 0))(node, state)
 
 

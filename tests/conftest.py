@@ -2,10 +2,16 @@
 
 import ctypes.util
 import gc
+import json
 import os
 import resource
+import subprocess
 import sys
+import sysconfig
+import venv
 from collections.abc import Callable
+from functools import partial
+from importlib import metadata
 from pathlib import Path
 
 # Tests compile much and run little of it. XLA takes a quarter of the time without these two, and runs nearly as fast.
@@ -14,6 +20,7 @@ os.environ["XLA_FLAGS"] = f"{_FLAGS} {os.environ.get('XLA_FLAGS', '')}"  # read 
 
 import jax  # noqa: E402
 import pytest  # noqa: E402
+from packaging.requirements import Requirement  # noqa: E402
 
 if not os.environ.get("JAX_COMPILATION_CACHE_DIR"):
     jax.config.update("jax_compilation_cache_dir", str(Path(__file__).parent.parent / ".jax_cache"))
@@ -66,6 +73,75 @@ def once(tmp_path_factory) -> Callable[[str, Callable[[Path], object]], Path]:
         return folder
 
     return once
+
+
+@pytest.fixture(scope="session")
+def bare_python(once) -> Path:
+    """The interpreter of a fresh virtual environment that holds what `pip install jaxrmp` brings and nothing else."""
+
+    def make(folder: Path) -> None:
+        site = environment(folder / "bare", base_of("jaxrmp"))
+        (site / "jaxrmp").symlink_to(Path(__file__).parents[1] / "jaxrmp")
+
+    return once("bare-python", make) / "bare" / "bin" / "python"
+
+
+@pytest.fixture(scope="session")
+def jax_python(once) -> Path:
+    """The interpreter of a fresh virtual environment with jax and flatbuffers, and no jaxrmp."""
+    pytest.importorskip("flatbuffers", reason="needs flatbuffers: pip install 'jaxrmp[export]'")
+    make = partial(environment, wanted={"jax", "flatbuffers"} | base_of("jax"))
+    return once("jax-python", lambda folder: make(folder / "jax")) / "jax" / "bin" / "python"
+
+
+def environment(folder: Path, wanted: set[str]) -> Path:
+    """A virtual environment in `folder` of this one's files of the `wanted` distributions; its folder of packages."""
+    venv.create(folder, with_pip=False, symlinks=True)
+    site = Path(sysconfig.get_path("purelib", "venv", vars={"base": str(folder)}))
+    for name in wanted:
+        for top in {file.parts[0] for file in metadata.files(name) or ()} - {"..", "__pycache__"}:
+            (site / top).symlink_to(metadata.distribution(name).locate_file(top))
+    return site
+
+
+def base_of(name: str) -> set[str]:
+    """The distributions that one asks for where no extra is, directly or not."""
+    held, left = set(), [name]
+    while left:
+        for line in metadata.requires(left.pop()) or ():
+            requirement = Requirement(line)
+            if requirement.marker is None or requirement.marker.evaluate({"extra": ""}):
+                left += {requirement.name} - held
+                held.add(requirement.name)
+    return held
+
+
+def run_in(python: Path, program: str, *arguments) -> dict:
+    """What a program prints last, as JSON, run by an interpreter that sees nothing of this environment."""
+    hidden = ("PYTHONPATH", "PYTHONHOME", "VIRTUAL_ENV")
+    done = subprocess.run(
+        [str(python), "-c", program, *map(str, arguments)],
+        check=False,
+        capture_output=True,
+        text=True,
+        env={key: value for key, value in os.environ.items() if key not in hidden},
+        cwd=python.parent,
+        timeout=300,
+    )
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout.splitlines()[-1])
+
+
+@pytest.fixture(scope="session")
+def run_bare(bare_python) -> Callable[..., dict]:
+    """`run_in` with `bare_python`."""
+    return partial(run_in, bare_python)
+
+
+@pytest.fixture(scope="session")
+def run_jax(jax_python) -> Callable[..., dict]:
+    """`run_in` with `jax_python`."""
+    return partial(run_in, jax_python)
 
 
 @pytest.fixture(scope="session")

@@ -86,6 +86,18 @@ _COMMANDS: dict[str, tuple[str, str, str, list[tuple[str, dict[str, Any]]]]] = {
             _argument("--dt S", "seconds a step", 0.005),
         ],
     ),
+    "export": (
+        "write a skill as a file that other programs run",
+        "The whole policy of a skill on its robot as StableHLO: joint accelerations [n] of joint positions and "
+        "velocities [n] and the object's pose [4, 4], in single precision, run "
+        "by jax.export.deserialize(content).call where jax and flatbuffers are installed.",
+        f"{_DRAWER} --stablehlo drawer.stablehlo",
+        [
+            _argument("SKILL", _SKILL),
+            _argument("--robot FILE", _MOVED, type=str),
+            _argument("--stablehlo FILE", "write the program here", required=True),
+        ],
+    ),
     "run": (
         "run a skill in physics",
         "Trials in MuJoCo at 1 kHz with contacts and torque limits: first from every demonstration's "
@@ -230,8 +242,7 @@ def build_parser() -> argparse.ArgumentParser:
     """The parser of `jaxrmp`; `command` is the name of the module in this package whose `run` does the work."""
     parser = argparse.ArgumentParser(
         prog="jaxrmp",
-        description="Stable reactive motion policies for robots: learn them from demonstrations, evaluate them, run "
-        "them in physics, watch them in the browser.",
+        description="Stable motion policies for robots: learn, evaluate, run, watch, export them.",
         epilog=EXIT_CODES,
     )
     parser.add_argument("--version", action="version", version=f"jaxrmp {__version__}")

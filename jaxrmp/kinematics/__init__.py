@@ -19,4 +19,8 @@ from ._position import Position as Position
 from ._relative import PointsInFrame as PointsInFrame
 from ._relative import RelativePoints as RelativePoints
 from ._robot import Robot as Robot
+from ._robot_record import RobotRecord as RobotRecord
+from ._robot_record import record_from_dict as record_from_dict
+from ._robot_record import record_of as record_of
+from ._robot_record import record_to_dict as record_to_dict
 from ._same_arm import arm_differences as arm_differences

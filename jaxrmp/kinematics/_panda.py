@@ -1,25 +1,23 @@
 """The built-in Franka Emika Panda."""
 
-import dataclasses
 import functools
+import json
 from pathlib import Path
 
-import numpy as np
-
-from ._load import load_robot
 from ._robot import Robot
+from ._robot_record import record_from_dict
 
 PANDA_MODEL = Path(__file__).parent / "models" / "panda.xml"
 """MJCF of the Panda with its hand: kinematics, inertias, primitive geometry, torque motors."""
 
+PANDA_NUMBERS = PANDA_MODEL.with_suffix(".json")  # its kinematics as plain numbers, by `_make_panda_numbers`
+
 
 @functools.cache
 def panda() -> Robot:
-    """The Franka Emika Panda with its hand, n = 7, both fingers fixed open at 0.04 m; needs no download.
+    """The Franka Emika Panda with its hand, n = 7, both fingers fixed open at 0.04 m; needs no download, no MuJoCo.
 
     Frames: `panda_link0` to `panda_link8`, `panda_hand`, `panda_hand_tcp` (between the fingertips),
     `panda_leftfinger`, `panda_rightfinger`, `world`.
     """
-    robot = load_robot(PANDA_MODEL, fixed={"panda_finger_joint1": 0.04, "panda_finger_joint2": 0.04})
-    limit = np.array([2.175, 2.175, 2.175, 2.175, 2.61, 2.61, 2.61])  # rad/s, manufacturer's figures
-    return dataclasses.replace(robot, velocity_limit=limit)
+    return record_from_dict(json.loads(PANDA_NUMBERS.read_text(encoding="utf-8"))).robot()

@@ -5,21 +5,19 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._errors import TrainingError, importing
+from .._errors import TrainingError
 from .._pytree import single
 from ..xla import quickly
 from ._arc_length import resample_by_arc_length
 from ._configuration import FlowSettings
 from ._flow import Flow, initial_flow
-
-with importing("optax", "learning"):
-    import optax
+from ._optax import import_optax
 
 _SAMPLES = 200  # of a path, evenly in its arc length
 _EVERY = 25  # one of so many is compared at an update
@@ -283,12 +281,13 @@ def _updates(carry, draws: _Draws, flow: Flow, data: _Paths, *, settings: FlowSe
         networks, state = carry
         loss, slope = jax.value_and_grad(lambda n: _loss(_with(flow, n), data, drawn, settings, timed))(networks)
         steps, state = optimizer.update(slope, state, networks)
-        return (optax.apply_updates(networks, steps), state), loss
+        return (import_optax().apply_updates(networks, steps), state), loss
 
     return jax.lax.scan(update, carry, draws)
 
 
-def _optimizer(settings: FlowSettings) -> optax.GradientTransformation:
+def _optimizer(settings: FlowSettings) -> Any:
+    optax = import_optax()
     warm = min(50, settings.updates // 2)
     schedule = optax.warmup_cosine_decay_schedule(0.0, settings.learning_rate, warm, settings.updates)
     return optax.chain(optax.clip_by_global_norm(1.0), optax.adam(schedule))

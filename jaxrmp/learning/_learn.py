@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._errors import FileWarning, JaxrmpError, TrainingError
-from ..kinematics import Robot
+from ..kinematics import Robot, record_of
 from ..leaves import Learned
 from ..xla import as_here
 from ._configuration import Configuration
@@ -168,6 +168,7 @@ def _skill(
         configuration=configuration if demonstrations.object_names else replace(configuration, object=""),
         robot_fingerprint=robot.fingerprint,
         source=demonstrations.source,
+        robot_record=record_of(robot),
     )
 
 

@@ -1,42 +1,43 @@
-"""The network that gives a learned metric its Cholesky factor. The only module that knows flax."""
+"""The network that gives a learned metric its Cholesky factor, evaluated by JAX alone."""
 
-from functools import partial
+import itertools
+from collections.abc import Mapping
 from typing import Any
 
 import jax
 import jax.numpy as jnp
-from jax.lax import Precision
 
-from .._errors import UnknownNameError, importing
+from .._errors import UnknownNameError
+from .._linalg import matmul
 from .._pytree import pytree, static
 from ._configuration import ACTIVATIONS
 from ._support import Support
 
-with importing("flax", "learning"):
-    import flax.linen as nn
 
-
-class CholeskyNetwork(nn.Module):
-    """Fully connected layers from a position to the entries of a lower triangular matrix; it starts at the identity.
+def cholesky_network(
+    weights: Mapping[str, Any], hidden: int, activation: str, offset: float, x: jax.Array
+) -> jax.Array:
+    """Fully connected layers from a position x [m] to the lower triangular matrix [m, m] of a Cholesky factor.
 
     The last layer is linear; absolute values plus `offset` give the diagonal. Rana et al. 2019, section 3.2.
+
+    **Arguments**: `weights`, of the `hidden` layers, then the diagonal's and those of the entries below it, as flax
+    names them: `Dense_0` and so on, each with `kernel` and `bias`; `activation`, a name of `jax.nn`.
     """
 
-    dimension: int
-    hidden: tuple[int, ...]
-    activation: str
-    offset: float
-    param_dtype: Any = jnp.float32
+    def dense(layer: int, y: jax.Array) -> jax.Array:
+        return matmul(y, weights[f"Dense_{layer}"]["kernel"]) + weights[f"Dense_{layer}"]["bias"]
 
-    @nn.compact
-    def __call__(self, x):
-        m, dense = self.dimension, partial(nn.Dense, param_dtype=self.param_dtype, precision=Precision.HIGHEST)
-        for width in self.hidden:
-            x = getattr(nn, self.activation)(dense(width)(x))
-        small = nn.initializers.normal(0.01)
-        diagonal = dense(m, kernel_init=small, bias_init=nn.initializers.constant(1 - self.offset))(x)
-        below = dense(m * (m - 1) // 2, kernel_init=small)(x)
-        return _lower_triangular(jnp.abs(diagonal) + self.offset, below)
+    for layer in range(hidden):
+        x = getattr(jax.nn, activation)(dense(layer, x))
+    return _lower_triangular(jnp.abs(dense(hidden, x)) + offset, dense(hidden + 1, x))
+
+
+def cholesky_shapes(dimension: int, hidden: tuple[int, ...]) -> dict[str, dict[str, tuple[int, ...]]]:
+    """The shapes of the weights of `cholesky_network`, whose `hidden` layers have these widths."""
+    widths, m = (dimension, *hidden), dimension
+    ends = [*itertools.pairwise(widths), (widths[-1], m), (widths[-1], m * (m - 1) // 2)]
+    return {f"Dense_{layer}": {"bias": (b,), "kernel": (a, b)} for layer, (a, b) in enumerate(ends)}
 
 
 def _lower_triangular(diagonal, below):
@@ -70,9 +71,9 @@ class CholeskyFactor:
     offset: float = static(default=1e-3)
 
     def __call__(self, x: jax.Array) -> jax.Array:
-        network = CholeskyNetwork(self.dimension, self.hidden, self.activation, self.offset)
         weights = jax.tree.map(lambda w: jnp.asarray(w, x.dtype), self.weights)
-        L = jnp.asarray(network.apply({"params": weights}, x / jnp.asarray(self.length_scale, x.dtype)))
+        x_scaled = x / jnp.asarray(self.length_scale, x.dtype)
+        L = cholesky_network(weights, len(self.hidden), self.activation, self.offset, x_scaled)
         return L if self.support is None else blended(L, self.support(x))
 
 
@@ -92,9 +93,11 @@ def initial_cholesky_factor(
 ) -> CholeskyFactor:
     """A Cholesky factor before training: near the identity everywhere.
 
-    `key` draws the weights; the rest as `CholeskyFactor`. **Raises** `UnknownNameError` for another activation.
+    `key` draws the weights, by flax; the rest as `CholeskyFactor`.
+    **Raises** `UnknownNameError` for another activation, `MissingDependencyError` where flax is not installed.
     """
+    from ._initial_weights import initial_weights
+
     UnknownNameError.check("activation", activation, ACTIVATIONS)
-    network = CholeskyNetwork(dimension, tuple(hidden), activation, offset)
-    weights = network.init(key, jnp.zeros(dimension))["params"]
+    weights = initial_weights(key, dimension, tuple(hidden), offset)
     return CholeskyFactor(weights, jnp.asarray(length_scale), support, dimension, tuple(hidden), activation, offset)

@@ -11,16 +11,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._errors import ConfigurationError, TrainingError, UnknownNameError, importing
+from .._errors import ConfigurationError, TrainingError, UnknownNameError
 from ..leaves import natural_gradient_field
 from ..xla import own_cores
 from ._configuration import LOSSES
 from ._metric_network import CholeskyFactor, blended, initial_cholesky_factor
+from ._optax import import_optax
 from ._support import Support
-
-with importing("optax", "learning"):
-    import optax
-
 
 _UPDATES_A_CALL = 100  # in one compiled call, then progress is shown; fewer if that does not divide the updates
 
@@ -43,7 +40,7 @@ def field_loss(L: jax.Array, slope: jax.Array, velocity: jax.Array, loss: str = 
     error = natural_gradient_field(L, slope) - velocity
     if loss == "l2":
         return jnp.mean(jnp.sum(error**2, axis=-1))
-    return jnp.mean(jnp.sum(optax.huber_loss(error, delta=0.1), axis=-1))
+    return jnp.mean(jnp.sum(import_optax().huber_loss(error, delta=0.1), axis=-1))
 
 
 def train_metrics(
@@ -77,6 +74,7 @@ def train_metrics(
 
     Rana et al. 2019, section 3.2.
     """
+    optax = import_optax()
     UnknownNameError.check("loss", loss, LOSSES)
     if updates < 1:
         raise ConfigurationError(f"updates is {updates!r}, expected at least 1.")

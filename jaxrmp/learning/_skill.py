@@ -1,18 +1,19 @@
 """A learned skill: specification and parameters, ready to become part of any tree."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._errors import ConfigurationError, RobotError, ShapeError
+from .._errors import ConfigurationError, MissingDependencyError, RobotError, ShapeError
 from .._linalg import matmul
 from .._pytree import pytree, single, static
 from .._rotations import nearest_rotation, pose
 from .._task_map import RigidTransform, TaskMap, Translation, check_rigid, compose
 from .._tree import Batched, Node, Sum, on_coordinates, pullback
-from ..kinematics import ControlPoints, Robot
+from ..kinematics import ControlPoints, Robot, RobotRecord
 from ..leaves import Damping, JointLimit, Learned
 from ._configuration import Configuration, PolicySettings
 from ._hand_flow import HandFlow
@@ -31,7 +32,7 @@ class Skill:
     demonstrations, in the world of the robot's model; `R_object_hand` [3, 3], how the first control point's frame is
     turned where they end, in the object's frame; `frames` and `subtasks`, K names each; `configuration`, what it
     was learned with; `robot_fingerprint`, the kinematics it was learned on; `source`, where the demonstrations came
-    from.
+    from; `robot_record`, the robot it was learned on as plain numbers, None where a file before version 8 had none.
     """
 
     learned: Learned | None
@@ -48,8 +49,14 @@ class Skill:
     robot_fingerprint: str = static()
     source: str = static(default="unknown")
     flow: HandFlow | None = None
+    robot_record: RobotRecord | None = static(default=None)
 
     def __post_init__(self):
+        if self.robot_record is not None and self.robot_record.model.fingerprint != self.robot_fingerprint:
+            raise RobotError(
+                f"robot_record has kinematic fingerprint {self.robot_record.model.fingerprint}, expected that of "
+                f"robot_fingerprint, {self.robot_fingerprint}."
+            )
         if (self.learned is None) == (self.flow is None):
             raise ConfigurationError("a skill has either learned leaves of its subtasks or a flow.")
 
@@ -57,6 +64,11 @@ class Skill:
     def method(self) -> str:
         """How it was learned: "paper" or "flow"."""
         return "paper" if self.flow is None else "flow"
+
+    @property
+    def robot(self) -> Robot | None:
+        """The robot that it was learned on, as it was then, from the skill's own file; None where that has none."""
+        return None if self.robot_record is None else self.robot_record.robot()
 
     @property
     def parts(self) -> tuple[str, ...]:
@@ -159,10 +171,21 @@ class Skill:
     def load_robot(self, file: str | None = None) -> Robot:
         """The robot that the skill was learned on, or the same one of another `file`, should its own have moved.
 
-        **Raises** `RobotError` if it cannot be read or has other kinematics.
+        It is read from the file that the configuration names, whose limits count. Where that is not at hand, or MuJoCo,
+        which reads it, is not installed, it is `robot`, the skill's own.
+        **Raises** `RobotError` if it cannot be read or has other kinematics, `MissingDependencyError` if it has to be
+        read, for the skill is of an earlier version and has none of its own, and MuJoCo is not installed.
         """
+        named = file or self.configuration.robot
+        if not file and self.robot is not None and named != "panda" and not Path(named).exists():
+            return self.robot
         try:
-            robot = replace(self.configuration, robot=file or self.configuration.robot).load_robot()
+            robot = replace(self.configuration, robot=named).load_robot()
+        except MissingDependencyError as error:
+            if not file and self.robot is not None:
+                return self.robot
+            why = f"robot {named!r}" if file else f"robot {named!r}, which a skill file before version 8 does not hold,"
+            raise MissingDependencyError(error.package, error.extra, why) from error
         except RobotError as error:
             if file:
                 raise

@@ -3,23 +3,24 @@
 import json
 import os
 from collections.abc import Iterable
-from dataclasses import fields, replace
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._errors import JaxrmpError, SkillFileError
+from .._errors import JaxrmpError, SkillFileError, UnknownNameError
 from .._files import atomic_write, read_npz
 from .._task_map import check_rigid
 from .._version import __version__
+from ..kinematics import record_from_dict, record_to_dict
 from ..leaves import CruisingAttractor, Damping, Funnel, JointLimit, Learned, NominalPotential
+from ._configuration import ACTIVATIONS
 from ._configuration_file import configuration_from_dict, configuration_to_dict
 from ._flow import Couplings, Flow
 from ._hand_flow import HandFlow
-from ._metric_network import CholeskyFactor, initial_cholesky_factor
+from ._metric_network import CholeskyFactor, cholesky_shapes
 from ._skill import Skill
 from ._skill_versions import VERSION, SkillContent, up_to_date
 from ._support import Support
@@ -56,6 +57,7 @@ def save_skill(skill: Skill, path: str | os.PathLike) -> Path:
         **{name: getattr(skill, name) for name in (*_NAMES, *_TEXTS)},
         "network": network,
         "flow": flow,
+        "robot": None if skill.robot_record is None else record_to_dict(skill.robot_record),
         "configuration": configuration_to_dict(skill.configuration),
         "arrays": {name: [str(a.dtype), list(a.shape)] for name, a in arrays.items()},
     }
@@ -96,7 +98,7 @@ def load_skill(path: str | os.PathLike) -> Skill:
 
 
 def _skill_from(header: dict[str, Any], arrays: dict[str, np.ndarray]) -> Skill:
-    others = ("format", "version", "jaxrmp", "network", "flow", "configuration", "arrays")
+    others = ("format", "version", "jaxrmp", "network", "flow", "robot", "configuration", "arrays")
     _same("header entries", header, (*others, *_NAMES, *_TEXTS))
     configuration = configuration_from_dict(header["configuration"])
     left = {name: jnp.asarray(a) for name, a in arrays.items()}
@@ -117,6 +119,7 @@ def _skill_from(header: dict[str, Any], arrays: dict[str, np.ndarray]) -> Skill:
         joint_damping=_built(Damping, "joint_damping", left, name="joint_damping"),
         joint_limit=_built(JointLimit, "joint_limit", left) if header["limited"] else None,
         configuration=configuration,
+        robot_record=None if header["robot"] is None else record_from_dict(header["robot"]),
         **{name: _taken(left, name, shape) for name, shape in shapes},
         **{name: tuple(header[name]) for name in _NAMES},
         **{name: header[name] for name in _TEXTS},
@@ -143,13 +146,14 @@ def _learned_arrays(learned: Any) -> tuple[dict[str, Any], dict[str, Any]]:
 
 def _learned_from(network: dict[str, Any], left: dict[str, Any], K: int) -> Learned:
     _same("network entries", network, (*_NETWORK, "supported"))
-    template = initial_cholesky_factor(jax.random.key(0), **{name: network[name] for name in _NETWORK})
+    structure = {name: network[name] for name in _NETWORK} | {"hidden": tuple(network["hidden"])}
+    UnknownNameError.check("activation", structure["activation"], ACTIVATIONS)
     weights = {
-        layer: {name: _taken(left, f"metric/{layer}/{name}", (K, *jnp.shape(a))) for name, a in parameters.items()}
-        for layer, parameters in template.weights.items()
+        layer: {name: _taken(left, f"metric/{layer}/{name}", (K, *shape)) for name, shape in parameters.items()}
+        for layer, parameters in cholesky_shapes(structure["dimension"], structure["hidden"]).items()
     }
     support = _built(Support, "support", left) if network["supported"] else None
-    factor = replace(template, weights=weights, length_scale=_taken(left, "metric/length_scale", (K,)), support=support)
+    factor = CholeskyFactor(weights, _taken(left, "metric/length_scale", (K,)), support, **structure)
     potential = _built(NominalPotential, "potential", left)
     if potential.points.shape[:1] != (K,):
         raise SkillFileError(f"{len(potential.points)} potentials for {K} subtasks.")

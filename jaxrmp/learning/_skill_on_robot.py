@@ -80,7 +80,7 @@ def skill_on_robot(skill: "Skill", robot: Robot, arm: Robot) -> SkillOnRobot:
     frames = tuple(arm.model.bodies[frame.body].name for frame in at)
     if skill.flow is not None:
         points["flow"] = _flow_on(skill, frames[0], R, np.array([frame.position for frame in at]), robot, arm)
-    moved = replace(skill, frames=frames, robot_fingerprint=robot.fingerprint, **points)
+    moved = replace(skill, frames=frames, robot_fingerprint=robot.fingerprint, robot_record=None, **points)
     return SkillOnRobot(moved, tuple(robot.joint_index(name) for name in arm.joint_names))
 
 

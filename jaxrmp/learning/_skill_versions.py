@@ -7,7 +7,7 @@ import numpy as np
 from .._errors import SkillFileError
 from .._rotations import nearest_rotation
 
-VERSION = 7
+VERSION = 8
 
 
 class SkillContent(NamedTuple):
@@ -28,7 +28,7 @@ def up_to_date(content: SkillContent) -> SkillContent:
             f"it is of version {version!r}; this jaxrmp reads versions 1 to {VERSION}. It was written by jaxrmp "
             f"{content.header.get('jaxrmp', 'unknown')}: use that or a newer one, or learn the skill again."
         )
-    for migrate in (_from_1_to_2, _from_2_to_3, _from_3_to_4, _from_4_to_5, _from_5_to_6, _from_6_to_7)[version - 1 :]:
+    for migrate in _STEPS[version - 1 :]:
         content = migrate(content)
     return content
 
@@ -100,3 +100,11 @@ def _from_6_to_7(content: SkillContent) -> SkillContent:
         flow = {"inner": 0.8, "outer": 2.0, "lead": 0.5} | configuration["flow"]
         configuration = configuration | {"flow": {**flow, "onset": flow["inner"]}}
     return SkillContent(header | {"configuration": configuration}, arrays | onset)
+
+
+def _from_7_to_8(content: SkillContent) -> SkillContent:
+    """Files hold the robot; an earlier one names it only."""
+    return SkillContent({**content.header, "robot": None}, content.arrays)
+
+
+_STEPS = (_from_1_to_2, _from_2_to_3, _from_3_to_4, _from_4_to_5, _from_5_to_6, _from_6_to_7, _from_7_to_8)

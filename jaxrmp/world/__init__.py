@@ -11,9 +11,9 @@ from ._obstacles import FAR as FAR
 from ._obstacles import Obstacles as Obstacles
 from ._own_spheres import own_self_pairs as own_self_pairs
 from ._own_spheres import own_spheres as own_spheres
+from ._panda_cover import panda_spheres as panda_spheres
 from ._robot_spheres import RobotSpheres as RobotSpheres
 from ._robot_spheres import geometry_of_model as geometry_of_model
-from ._robot_spheres import panda_spheres as panda_spheres
 from ._robot_spheres import spheres_from_model as spheres_from_model
 from ._self_distances import SelfDistances as SelfDistances
 from ._self_pairs import ignored_by_model as ignored_by_model

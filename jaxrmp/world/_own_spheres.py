@@ -2,7 +2,7 @@
 
 import contextlib
 import warnings
-from collections.abc import Sequence
+from collections.abc import Collection, Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,6 +11,7 @@ from .._errors import FileWarning
 from ..kinematics import Robot
 from ._cover import TooFineError
 from ._mostly_touching import without_mostly_touching
+from ._panda_cover import built_in_cover
 from ._robot_spheres import RobotSpheres, bodies_with_geometry, cover_model, geometry_of_model
 from ._self_pairs import ignored_by_model, link_of, self_pairs
 
@@ -21,7 +22,8 @@ _NAMED = 8  # pairs of links that a warning names
 
 
 def own_spheres(robot: Robot, hand: str | Sequence[str] | None = None) -> RobotSpheres:
-    """Spheres that cover a `robot`, from the geometry of its own file: for the built-in Panda, `panda_spheres()`.
+    """Spheres that cover a `robot`, from the geometry of its own file: for the built-in Panda, `panda_spheres()`,
+    which need no MuJoCo, as those on its hand do.
 
     They stick out of it by 1.5 cm at most, or by 3 where else there would be more than 100, or 6 a joint. Where 3 are
     too fine, links that no joint moves, which avoid nothing by themselves, are covered to 6 cm in any number of
@@ -32,6 +34,18 @@ def own_spheres(robot: Robot, hand: str | Sequence[str] | None = None) -> RobotS
     `RobotError` if that cannot be read (meshes that are not there), `ConfigurationError` if 6 cm are too fine,
     `UnknownNameError` for a frame that is not there.
     """
+    links = {link_of(robot, name) for name in ((hand,) if isinstance(hand, str) else hand or ())}
+    if (cover := built_in_cover(robot)) is not None:
+        carried = carried_by(robot, links, cover.spheres.frames)
+        if not carried:
+            return cover.spheres
+        if carried == set(cover.hand.frames):
+            return _with_fine(cover.spheres, cover.hand)
+    return found_spheres(robot, links)
+
+
+def found_spheres(robot: Robot, links: Collection[int] = ()) -> RobotSpheres:
+    """`own_spheres`, found from the robot's file, whoever's it is, with the bodies `links` and what they carry fine."""
     model = geometry_of_model(robot)
     most = max(_ENOUGH, _ENOUGH_A_JOINT * robot.num_joints)
     covered = list(bodies_with_geometry(model).values())
@@ -45,12 +59,21 @@ def own_spheres(robot: Robot, hand: str | Sequence[str] | None = None) -> RobotS
         parts = [_finest(model, robot.source, fineness, moved, most)] if moved else []
         parts += [cover_model(model, _FINENESS[-1], still, robot.source)] if still else []
         whole = _together(parts)
-    links = {link_of(robot, name) for name in ((hand,) if isinstance(hand, str) else hand or ())}
-    carried = tuple(name for name, body in bodies.items() if not links.isdisjoint(robot.model.path(body)))
+    carried = carried_by(robot, links, bodies)
     if not carried:
         return whole
-    fine = _finest(model, robot.source, _FINENESS, carried, most)
-    rest = whole.rows([i for i, name in enumerate(whole.frames) if name not in carried])
+    return _with_fine(whole, _finest(model, robot.source, _FINENESS, tuple(n for n in bodies if n in carried), most))
+
+
+def carried_by(robot: Robot, links: Collection[int], names: Iterable[str]) -> set[str]:
+    """Those of the bodies `names` that `links` are, or carry."""
+    of_robot = {body.name: i for i, body in enumerate(robot.model.bodies)}
+    return {name for name in names if not set(links).isdisjoint(robot.model.path(of_robot[name]))}
+
+
+def _with_fine(whole: RobotSpheres, fine: RobotSpheres) -> RobotSpheres:
+    """The spheres `fine` on their bodies, and those of `whole` on others."""
+    rest = whole.rows([i for i, name in enumerate(whole.frames) if name not in fine.frames])
     return _together([fine, rest])
 
 

@@ -1,6 +1,6 @@
 """Spheres that cover a robot, made from the geometry of its own model."""
 
-import functools
+import math
 import os
 import weakref
 from collections.abc import Callable, Mapping, Sequence
@@ -13,7 +13,7 @@ from .._errors import ConfigurationError, NoGeometryError, UnknownNameError
 from .._pytree import pytree, set_field, static
 from .._ranges import Finite, NonNegative, require_number
 from .._rotations import rotation_of_quaternion
-from ..kinematics import PANDA_MODEL, ControlPoints, Robot
+from ..kinematics import ControlPoints, Robot
 from ..kinematics._mujoco import compile_spec, import_mujoco, read_spec
 from ._cover import MOST, TooFineError, cover_alike, cover_capsule, cover_polytopes, rough_count
 from ._cover_cache import cover_file, read_cover, write_cover
@@ -41,7 +41,7 @@ class RobotSpheres:
     frames: tuple[str, ...] = static()
     offsets: jax.Array | np.ndarray
     radii: NonNegative[Finite[jax.Array | np.ndarray]]
-    coverage_error: float = static(default=float("nan"))
+    coverage_error: float = static(default=math.nan)
 
     def __post_init__(self):
         set_field(self, "frames", tuple(self.frames))
@@ -148,12 +148,6 @@ def geometry_of_model(
     spec = read_spec(source, packages, looks=looks, physics=False)
     spec.compiler.fusestatic = spec.compiler.discardvisual = False
     return compile_spec(spec, str(source), "cannot be read with its geometry")
-
-
-@functools.cache
-def panda_spheres(max_error: float = 0.015) -> RobotSpheres:
-    """Spheres for the built-in Panda that stick out of its own geometry by `max_error`, m, at most: by default 37."""
-    return spheres_from_model(PANDA_MODEL, max_error)
 
 
 def _moves(robot: Robot, frame: str, offset: Any) -> bool:

@@ -7,8 +7,9 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 
 from .._errors import UnknownNameError
-from ..kinematics import PANDA_MODEL, Robot, panda
-from ._robot_spheres import geometry_of_model, panda_spheres
+from ..kinematics import Robot, panda
+from ._panda_cover import built_in_cover, panda_cover, panda_spheres
+from ._robot_spheres import geometry_of_model
 
 
 def self_pairs(
@@ -50,6 +51,13 @@ def ignored_by_model(source: str | os.PathLike | Robot) -> dict[str, tuple[str, 
 
     **Raises** `RobotError` if the file cannot be read.
     """
+    if isinstance(source, Robot) and (cover := built_in_cover(source)) is not None:
+        return cover.ignored
+    return found_ignored(source)
+
+
+def found_ignored(source: str | os.PathLike | Robot) -> dict[str, tuple[str, ...]]:
+    """`ignored_by_model`, found from the file, whoever's it is."""
     m = geometry_of_model(source)
     meets = (m.geom_contype[:, None] & m.geom_conaffinity) | (m.geom_conaffinity[:, None] & m.geom_contype)
     bodies = sorted({int(m.geom_bodyid[g]) for g in range(m.ngeom) if m.geom_contype[g] or m.geom_conaffinity[g]})
@@ -71,7 +79,7 @@ def ignored_by_model(source: str | os.PathLike | Robot) -> dict[str, tuple[str, 
 @functools.cache
 def panda_self_pairs(max_error: float = 0.015) -> tuple[tuple[int, int], ...]:
     """The pairs of `panda_spheres`, of the same `max_error`, that can meet: wrist and hand against the base."""
-    return self_pairs(panda(), panda_spheres(max_error).frames, ignored_by_model(PANDA_MODEL))
+    return self_pairs(panda(), panda_spheres(max_error).frames, panda_cover().ignored)
 
 
 def link_of(robot: Robot, name: str) -> int:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from jaxrmp.kinematics import PANDA_MODEL, panda
+from jaxrmp.kinematics._make_panda_numbers import panda_of_its_file
 
 
 @pytest.fixture(scope="module")
@@ -43,6 +44,15 @@ def test_limits_and_masses_are_the_published_ones(model):
     np.testing.assert_array_equal(model.jnt_range[arm], np.stack([panda().lower, panda().upper], axis=1))
     np.testing.assert_array_equal(model.actuator_ctrlrange[:7, 1], [87] * 4 + [12] * 3)
     assert model.body_mass[1:].sum() == pytest.approx(17.45, abs=0.05)
+
+
+def test_its_plain_numbers_are_those_of_its_file():
+    """Else: python -m jaxrmp.kinematics._make_panda_numbers"""
+    of_file, of_numbers = panda_of_its_file(), panda()
+    assert of_numbers.fingerprint == of_file.fingerprint  # numbers to 1e-9, names, and how they hang together
+    assert of_numbers.name == of_file.name and of_numbers.source == of_file.source == str(PANDA_MODEL.resolve())
+    for name in ("lower", "upper", "velocity_limit"):
+        np.testing.assert_allclose(getattr(of_numbers, name), getattr(of_file, name), rtol=1e-14)
 
 
 def test_mjx_takes_the_model(model):

@@ -1,6 +1,8 @@
 """What tests of learned skills have in common."""
 
+import pickle
 from collections.abc import Callable
+from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -9,7 +11,27 @@ import pytest
 
 from jaxrmp import certificate
 from jaxrmp.kinematics import panda
-from jaxrmp.learning import Learning
+from jaxrmp.learning import Learning, learn, load_configuration
+from jaxrmp.synthetic import synthetic_demonstrations
+
+CONFIGS = Path(__file__).parents[2] / "configs"
+
+
+@pytest.fixture(scope="session")
+def door():
+    """Four synthetic demonstrations of the door."""
+    return synthetic_demonstrations("door_reaching", count=4)
+
+
+@pytest.fixture(scope="session")
+def door_flow(once, door) -> Learning:
+    """What is learned from `door` by a flow with little work."""
+
+    def make(folder: Path) -> None:
+        configuration = load_configuration(CONFIGS / "door_reaching.toml", {"method": "flow", "flow.updates": 300})
+        (folder / "learning.pickle").write_bytes(pickle.dumps(learn(configuration, panda(), door)))
+
+    return pickle.loads((once("door-flow", make) / "learning.pickle").read_bytes())
 
 
 @pytest.fixture

@@ -35,7 +35,6 @@ from jaxrmp.learning._hand_flow import _followed, hand_points
 from jaxrmp.learning._hand_maps import HandPose
 from jaxrmp.learning._learn_flow import check_turns
 from jaxrmp.policies import whole_arm_policy
-from jaxrmp.synthetic import synthetic_demonstrations
 from jaxrmp.visualization import loss_figure, width_figure
 from jaxrmp.world import World
 
@@ -53,19 +52,8 @@ def bend():
 
 
 @pytest.fixture(scope="module")
-def door():
-    return synthetic_demonstrations("door_reaching", count=4)
-
-
-@pytest.fixture(scope="module")
-def learning(once, door):
-    import pickle
-
-    def make(folder):
-        configuration = load_configuration(CONFIGS / "door_reaching.toml", FEW)
-        (folder / "learning.pickle").write_bytes(pickle.dumps(learn(configuration, panda(), door)))
-
-    return pickle.loads((once("door-flow", make) / "learning.pickle").read_bytes())
+def learning(door_flow):
+    return door_flow
 
 
 def test_a_flow_keeps_the_origin_and_its_inverse_undoes_it(bend):

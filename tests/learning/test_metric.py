@@ -6,10 +6,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from flax import linen as nn
 
 from jaxrmp import ConfigurationError, TrainingError, UnknownNameError
 from jaxrmp.learning import support_of_samples
-from jaxrmp.learning._metric_network import ACTIVATIONS, initial_cholesky_factor
+from jaxrmp.learning._metric_network import ACTIVATIONS, cholesky_shapes, initial_cholesky_factor
 from jaxrmp.learning._metric_training import field_loss, train_metrics
 
 SMALL = dict(hidden=(16, 8), updates=50)
@@ -36,6 +37,31 @@ def test_a_factor_is_lower_triangular_with_its_diagonal_above_the_offset_whateve
     diagonal = np.diagonal(L, axis1=1, axis2=2)
     assert (diagonal >= offset).all() and diagonal.min() < offset + 0.5
     assert np.abs(L - L[0]).max() > 1  # it does depend on the position
+
+
+@pytest.mark.parametrize(("activation", "m"), [*((name, 3) for name in ACTIVATIONS), ("tanh", 1)])
+def test_the_network_is_the_one_that_flax_has(activation, m):
+    hidden, offset = (16, 8), 0.2
+    factor = initial_cholesky_factor(jax.random.key(0), m, hidden, activation, offset)
+    shapes = jax.tree.map(jnp.shape, factor.weights)
+    assert shapes == cholesky_shapes(m, hidden)
+    rng = np.random.default_rng(0)
+    wild = jax.tree.map(lambda a: jnp.asarray(rng.normal(size=a.shape), a.dtype), factor.weights)
+
+    class Layers(nn.Module):
+        @nn.compact
+        def __call__(self, x):
+            for width in hidden:
+                x = getattr(nn, activation)(nn.Dense(width, precision="highest")(x))
+            diagonal = nn.Dense(m, precision="highest")(x)
+            below = nn.Dense(m * (m - 1) // 2, precision="highest", kernel_init=nn.initializers.zeros)(x)
+            return jnp.abs(diagonal) + offset, below
+
+    x = jnp.asarray(rng.normal(size=(50, m)), jnp.float32)
+    diagonal, below = Layers().apply({"params": wild}, x)
+    L = jax.vmap(replace(factor, weights=wild))(x)
+    np.testing.assert_allclose(jnp.diagonal(L, axis1=1, axis2=2), diagonal, rtol=1e-5, atol=1e-5)
+    np.testing.assert_allclose(L[:, *np.tril_indices(m, -1)], below, rtol=1e-5, atol=1e-5)
 
 
 def test_positions_are_divided_by_the_length_scale():

@@ -12,8 +12,8 @@ import pytest
 
 import jaxrmp
 from jaxrmp import ConfigurationError, RobotError, SkillFileError, acceleration
-from jaxrmp._rotations import rotation_of_vector
-from jaxrmp.kinematics import load_robot_from_string, panda
+from jaxrmp._rotations import pose, rotation_of_vector
+from jaxrmp.kinematics import load_robot_from_string, mounted, panda, record_of, with_tool
 from jaxrmp.learning import (
     Configuration,
     Skill,
@@ -133,7 +133,7 @@ def test_files_that_are_no_whole_skill_of_this_version_are_refused(skill, tmp_pa
         if damage == "version":
             header["version"] = 99
             expected = (
-                "version 99; this jaxrmp reads versions 1 to 7. It was written by jaxrmp .* a newer one, or learn"
+                "version 99; this jaxrmp reads versions 1 to 8. It was written by jaxrmp .* a newer one, or learn"
             )
         elif damage == "extra":
             header["mystery"] = 1
@@ -172,7 +172,7 @@ def rewritten(path, change):
 def as_version_4(header, arrays):
     """As files were before there were flows."""
     header["version"] = 4
-    del header["flow"], header["configuration"]["method"], header["configuration"]["flow"]
+    del header["robot"], header["flow"], header["configuration"]["method"], header["configuration"]["flow"]
 
 
 def as_version_3(header, arrays):
@@ -223,6 +223,44 @@ def test_files_of_earlier_versions_are_brought_up_to_date(skill, tmp_path, earli
     assert jax.tree.structure(again) == jax.tree.structure(loaded)
 
 
+def test_a_skill_file_holds_the_robot(skill, tmp_path):
+    robot = with_tool(mounted(panda(), pose([0.1, 0.2, 0.3], np.eye(3))), "tip", "panda_hand", np.eye(4))
+    robot = replace(robot, upper=np.where(np.arange(7) == 6, np.inf, robot.upper))
+    own = replace(skill, robot_fingerprint=robot.fingerprint, robot_record=record_of(robot))
+    loaded = load_skill(save_skill(own, tmp_path / "own.skill.npz")).robot
+    assert loaded.model == robot.model and loaded.fingerprint == robot.fingerprint != panda().fingerprint
+    for name in ("lower", "upper", "velocity_limit"):
+        np.testing.assert_array_equal(getattr(loaded, name), getattr(robot, name))
+    assert loaded.source == robot.source
+    with pytest.raises(RobotError, match=f"robot_record has kinematic fingerprint {robot.fingerprint}, expected"):
+        replace(skill, robot_record=record_of(robot))
+
+
+def test_its_own_robot_stands_in_where_the_file_that_it_was_read_from_is_gone(skill):
+    gone = replace(skill, configuration=replace(skill.configuration, robot="gone/arm.urdf"))
+    with pytest.raises(RobotError, match="the robot that the skill was learned on: .*gone/arm.urdf.*--robot FILE"):
+        gone.load_robot()
+    robot = replace(gone, robot_record=record_of(panda())).load_robot()
+    assert robot.model == panda().model
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        (lambda robot: robot.pop("bodies"), "a robot's record has .*expected"),
+        (lambda robot: robot["joints"][0].update(body=99), "the parts of 'panda' do not belong together"),
+        (lambda robot: robot["joints"][0].update(axis=[0.0, 1.0]), "axis of 'panda_joint1' is .*expected 3 numbers"),
+        (lambda robot: robot["lower"].pop(), "do not belong together"),
+        (lambda robot: robot["frames"][0].update(mystery=1), "cannot be read: .*mystery"),
+        (lambda robot: robot["bodies"][3].update(position=[0.0, 0.0, 0.1]), "kinematic fingerprint"),
+    ],
+)
+def test_a_robot_that_is_no_whole_one_is_refused(skill, tmp_path, change, expected):
+    path = save_skill(replace(skill, robot_record=record_of(panda())), tmp_path / "odd.skill.npz")
+    with pytest.raises(SkillFileError, match=expected):
+        load_skill(rewritten(path, lambda header, arrays: change(header["robot"])))
+
+
 def test_an_earlier_skill_that_does_not_say_how_the_hand_is_turned_is_refused(skill, tmp_path):
     line = np.linspace(0, 1, 3)[:, None] * np.array([[0.0, 0.0, 0.1]])
     path = save_skill(replace(skill, offsets=jnp.asarray(line, jnp.float32)), tmp_path / "old.skill.npz")
@@ -230,10 +268,10 @@ def test_an_earlier_skill_that_does_not_say_how_the_hand_is_turned_is_refused(sk
         load_skill(rewritten(path, as_version_2))
 
 
-@pytest.mark.parametrize("version", [0, 8, "7", None, True])
+@pytest.mark.parametrize("version", [0, 9, "8", None, True])
 def test_versions_that_are_none_are_refused(skill, tmp_path, version):
     path = save_skill(skill, tmp_path / "odd.skill.npz")
-    with pytest.raises(SkillFileError, match=f"version {version!r}; this jaxrmp reads versions 1 to 7"):
+    with pytest.raises(SkillFileError, match=f"version {version!r}; this jaxrmp reads versions 1 to 8"):
         load_skill(rewritten(path, lambda header, arrays: header.update(version=version)))
 
 
