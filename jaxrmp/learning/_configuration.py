@@ -94,12 +94,12 @@ class MetricSettings:
 
 @settings("flow")
 class FlowSettings:
-    """The flow and its training. `couplings` L and `hidden`, the width of their networks; `updates`, half as many again of
-    a demonstrated tempo, and `learning_rate`;
-    `mixtures`, paths between two demonstrations that are followed too, an update; `displaced`, how many more with their
-    start displaced, by normal noise of standard deviation `displacement`, m; `conditioning`, against stretching space
-    near the demonstrations; `identity`, to leave space as it is far from them; `circumradius`, m, of the triangle
-    of points that stands for the hand: what its turn counts for; `weight`, the metric of the policy.
+    """The flow and its training. `couplings` L and `hidden`, the width of their networks; `updates`, half as many again
+    with a demonstrated tempo, and `learning_rate`; `mixtures`, paths between two demonstrations that are followed too,
+    an update; `displaced`, how many more with their start displaced, by normal noise of standard deviation
+    `displacement`, m; `conditioning`, against stretching space near the demonstrations; `identity`, to leave space as
+    it is far from them; `circumradius`, m, of the triangle of points that stands for the hand: what its turn counts
+    for; `weight`, the metric of the policy.
 
     `funnel`: 0 for none, else the metric of the leaf that leads joints back to the ways from demonstrated starts;
     `onset`, rad, how far from them it begins to lead along them, `inner`, towards them, and `outer`, where both are
