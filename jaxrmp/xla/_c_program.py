@@ -1,4 +1,4 @@
-"""A function of one state as C that computes several states at once, one in each lane of a vector.
+"""A function of one state taken apart into what C programs are made of.
 
 Small arrays are taken apart into scalars, as for XLA (`_scalar_program.py`), and become single statements, which share
 what is equal and leave out what is zero; large ones become loops, neighbours of one shape a single loop. What moves
@@ -18,7 +18,6 @@ from ._c_gather import gathered
 from ._c_nodes import BITS, INDEX, Node, Source, sources_of
 from ._c_order import needed
 from ._c_scan import scanned
-from ._c_text import written
 from ._rows import matrices, rows_over
 from ._scalar_program import ELEMENTWISE, Builder, NotScalar, Operation, coordinate_program
 
@@ -43,15 +42,7 @@ _OF_NOTHING = {
 _KINDS = {"f": "f", "i": "i", "u": "i", "b": "i"}
 
 
-class CProgram(NamedTuple):
-    """`text`, a C file; `constants`, arguments behind the function's own, shared by all states."""
-
-    text: str
-    constants: tuple[np.ndarray, ...]
-    operations: int
-
-
-class _Program(Builder):
+class Program(Builder):
     """Takes a function apart; a place is a number, negative for a number that is known.
 
     `real`, the type of its numbers; whole numbers have the same size.
@@ -145,6 +136,14 @@ class _Program(Builder):
         return self._made.get(place)
 
     def _equation(self, equation, operands):
+        try:
+            return self._of(equation, operands)
+        except NotScalar as error:
+            if isinstance(within := equation.params.get("name"), str):
+                error.add_note(within)
+            raise
+
+    def _of(self, equation, operands):
         name, parameters = equation.primitive.name, equation.params
         if name == "one_loop" and not parameters["levels"]:
             return self._of_a_loop(parameters["jaxpr"], operands)
@@ -369,12 +368,20 @@ def _supported(name: str, dtype: Any) -> str:
     return name
 
 
-def c_program(closed: ClosedJaxpr, mapped: Sequence[bool]) -> CProgram:
-    """A function as C: `program(const void **in, void **out, long first, long last)`, for states in that range.
+class Parts(NamedTuple):
+    """A function taken apart: its `program`; `dtypes` of its arguments and, behind them, of `program.constants`;
+    `results`, places and dtype of each; `real`, the type of its numbers."""
 
-    **Arguments**: `closed`, the function of one state; `mapped`, which of its arguments each state has its own of: in
-    memory, they have a leading axis of states, as all results do.
-    **Raises** `NotScalar` for what it cannot say in C; the message says why.
+    program: Program
+    dtypes: list[np.dtype]
+    results: list[tuple[np.ndarray, np.dtype]]
+    real: np.dtype
+
+
+def taken_apart(closed: ClosedJaxpr, mapped: Sequence[bool]) -> Parts:
+    """A function of one state as nodes and sources; `mapped`, which of its arguments each state has its own of.
+
+    **Raises** `NotScalar` for what cannot be said in C; the message says why, its notes, from inside out, where.
     """
     values: list[Any] = [*closed.in_avals, *closed.out_avals]
     kinds = {a.dtype for a in values if a.dtype.kind == "f"}
@@ -382,7 +389,7 @@ def c_program(closed: ClosedJaxpr, mapped: Sequence[bool]) -> CProgram:
         raise NotScalar(f"numbers of type {', '.join(sorted(map(str, kinds))) or 'int alone'}")
     if odd := {str(a.dtype) for a in values if not isinstance(a.dtype, np.dtype) or a.dtype.kind not in "bif"}:
         raise NotScalar(f"arrays of type {', '.join(sorted(odd))}")
-    program = _Program(np.dtype(real))
+    program = Program(np.dtype(real))
     arguments = []
     for k, a in enumerate(closed.in_avals):
         arguments.append(program.whole(program.source(not mapped[k], _kind(a.dtype), a.size, k), a.shape))
@@ -391,5 +398,4 @@ def c_program(closed: ClosedJaxpr, mapped: Sequence[bool]) -> CProgram:
     dtypes = [a.dtype for a in values[: len(arguments)]] + [c.dtype for c in program.constants]
     results = list(zip(outputs, [a.dtype for a in values[len(arguments) :]], strict=True))
     program.nodes = needed(program.nodes, {s for places in outputs for s in sources_of(places)})
-    text = written(program, dtypes, results, real)
-    return CProgram(text, tuple(program.constants), sum(math.prod(n.shape) for n in program.nodes))
+    return Parts(program, dtypes, results, np.dtype(real))

@@ -25,10 +25,10 @@ def written(program: Any, dtypes: Sequence[Any], results: Sequence[tuple[np.ndar
     **Arguments**: `program`, with its sources and nodes; `dtypes` of the arguments, and `results`, places and dtype of
     each; `real`, the type of its numbers.
     """
-    return _Writer(program, np.dtype(real)).file(dtypes, results)
+    return Writer(program, np.dtype(real)).file(dtypes, results)
 
 
-class _Writer:
+class Writer:
     def __init__(self, program: Any, real: np.dtype):
         self.program, self.real = program, real
         self.sources, self.nodes = program.sources, program.nodes
@@ -182,7 +182,7 @@ class _Writer:
         s = group[0].out
         source = self.sources[s]
         dtype = dtypes[source.of]
-        kind = _c_type(dtype)
+        kind = c_type(dtype)
         value = f"a[e]{' != 0' if dtype.kind == 'b' else ''}"
         value = f"-({value})" if dtype.kind == "b" else value
         target = "((R *)w)" if source.kind == "f" else "((N *)w)"
@@ -196,7 +196,7 @@ class _Writer:
     def shared_load(self, k, dtype):
         for s, source in enumerate(self.sources):
             if source.of == k and s in self.offsets and source.shared:
-                kind = _c_type(dtype)
+                kind = c_type(dtype)
                 value = (
                     f"-(((const {kind} *)in[{k}])[e] != 0)" if dtype.kind == "b" else f"((const {kind} *)in[{k}])[e]"
                 )
@@ -207,7 +207,7 @@ class _Writer:
     def store(self, k: int, places: np.ndarray, dtype: np.dtype) -> list[str]:
         """Result `k` of these states, from the lanes."""
         flat = places.reshape(-1)
-        kind, size = _c_type(dtype), flat.size
+        kind, size = c_type(dtype), flat.size
         vector, single = ("V", "R") if dtype.kind == "f" else ("VI", "N")
         truth = " != 0" if dtype.kind == "b" else ""
 
@@ -375,7 +375,7 @@ def _power(x: str, y: int) -> str:
     return f"1 / ({text})" if y < 0 else text
 
 
-def _c_type(dtype: Any) -> str:
+def c_type(dtype: Any) -> str:
     dtype = np.dtype(dtype)
     if dtype.kind == "f":
         return "float" if dtype.itemsize == 4 else "double"

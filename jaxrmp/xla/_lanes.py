@@ -24,7 +24,7 @@ from jax.core import Tracer
 from jax.extend.core import ClosedJaxpr, Primitive
 from jax.interpreters import mlir
 
-from ._c_program import CProgram, c_program
+from ._c_lanes import CProgram, c_program
 from ._one_loop import as_it_stands, bound, define
 from ._plan import logger
 from ._scalar_program import NotScalar

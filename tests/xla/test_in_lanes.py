@@ -9,7 +9,7 @@ import pytest
 
 from jaxrmp._linalg import cholesky
 from jaxrmp.xla import _lanes, in_lanes, report
-from jaxrmp.xla._c_program import c_program
+from jaxrmp.xla._c_lanes import c_program
 
 RNG = np.random.default_rng(0)
 COMPILER = pytest.mark.skipif(not shutil.which("cc"), reason="needs a C compiler")

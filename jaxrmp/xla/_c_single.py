@@ -1,0 +1,183 @@
+"""A function of one state as C that stands alone: C99 and its mathematical functions, nothing kept between calls.
+
+Of the same nodes as programs of several states, as numbers in place of vectors. Arguments and results are the fields of
+two structs; working memory is the function's own, of a size that is known.
+"""
+
+import functools
+import math
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from jax.extend.core import ClosedJaxpr
+
+from ._c_nodes import Node, sources_of, used_by
+from ._c_order import grouped, laid_out
+from ._c_program import taken_apart
+from ._c_text import Writer, c_type
+
+_LIBRARY = re.compile(r"\b([a-z]\w*)_r\(")
+_CALLED = re.compile(r"\b(\w+_[rn])\(")
+
+
+class Field(NamedTuple):
+    """A field of a struct: an array of some `shape`, row by row; of none if it has no entries."""
+
+    name: str
+    shape: tuple[int, ...]
+    dtype: np.dtype
+    note: str = ""
+
+    @property
+    def size(self) -> int:
+        """How many entries it has."""
+        return math.prod(self.shape)
+
+
+class Single(NamedTuple):
+    """A C function: its `text`, with all that it needs but the structs, its working memory `stack`, in bytes, and how
+    many scalar `operations` it takes."""
+
+    text: str
+    stack: int
+    operations: int
+
+
+def struct(name: str, fields: Sequence[Field]) -> str:
+    """The struct NAME of these fields, in C, with their shapes and notes as comments."""
+    lines = ["typedef struct {"]
+    for field in fields:
+        if field.size:
+            size = f"[{field.size}]" if field.shape else ""
+            shape = f"[{', '.join(map(str, field.shape))}]" if len(field.shape) > 1 else ""
+            note = ", ".join(text for text in (shape, field.note) if text)
+            lines.append(f"    {c_type(field.dtype)} {field.name}{size};" + (f" /* {note} */" if note else ""))
+    return "\n".join([*lines, f"}} {name};"])
+
+
+def layout(fields: Sequence[Field]) -> np.dtype:
+    """How NumPy sees that struct."""
+    return np.dtype([(f.name, f.dtype, f.shape) for f in fields if f.size], align=True)
+
+
+def single_program(closed: ClosedJaxpr, name: str, inputs: Sequence[Field], outputs: Sequence[Field]) -> Single:
+    """A function as C: `void NAME(const NAME_in *in, NAME_out *out)`.
+
+    **Arguments**: `closed`, the function; `inputs` and `outputs`, a field for each of its arguments and results.
+    **Raises** `NotScalar` for what it cannot say in C, as `taken_apart`.
+    """
+    program, dtypes, results, real = taken_apart(closed, [False] * len(inputs))
+    for s, source in enumerate(program.sources):  # constants are part of the text
+        if source.of >= len(inputs):
+            table = program.constants[source.of - len(inputs)]
+            program.sources[s] = source._replace(of=-1, table=table.reshape(-1))
+    return _Writer(program, real, inputs, outputs).function(name, dtypes, results)
+
+
+class _Writer(Writer):
+    """Writes all sources as numbers that are the same for all states, of which there is one."""
+
+    def __init__(self, program: Any, real: np.dtype, inputs: Sequence[Field], outputs: Sequence[Field]):
+        super().__init__(program, real)
+        self.inputs, self.outputs = inputs, outputs
+
+    def function(self, name: str, dtypes: Sequence[np.dtype], results: Sequence[tuple[np.ndarray, np.dtype]]) -> Single:
+        kept = {s for places, _ in results for s in sources_of(places)}
+        loads = [[Node(s, "load", None, (), ())] for s in sorted(kept.union(*map(used_by, self.nodes)))]
+        loads = [load for load in loads if self.is_converted(self.sources[load[0].out])]
+        groups = grouped(self.nodes)
+        size = {}
+        for kind in "fi":
+            offsets, size[kind] = laid_out(self.sources, [*loads, *groups], kept, kind)
+            self.offsets |= offsets
+        body = [line for load in loads for line in self.load(load, dtypes)]
+        for group in groups:
+            body += self.code(group)
+        for field, (places, _) in zip(self.outputs, results, strict=True):
+            body += self.stored(field, places)
+        width = self.real.itemsize
+        memory = [f"{kind} {w}[{size[k]}];" for k, kind, w in (("f", "R", "w"), ("i", "N", "n")) if size[k]]
+        kind, whole = ("float", "int32_t") if width == 4 else ("double", "int64_t")
+        text = "\n".join(body)
+        lines = [
+            "#include <math.h>",
+            "#include <stdint.h>",
+            "",
+            f"typedef {kind} R;",
+            f"typedef {whole} N;",
+            f"#define F(name) name{'##f' if width == 4 else ''}",
+            f"#define LAST INT{8 * width}_MAX",
+            "",
+            *_functions(text),
+            "",
+            *self.table_lines,
+            "",
+            f"void {name}(const {name}_in *in, {name}_out *out) {{",
+            *(f"    {line}" for line in memory),
+            *([] if "in->" in text else ["    (void)in;"]),
+            *(f"    {line}" for line in body),
+            "}",
+            "",
+        ]
+        operations = sum(math.prod(n.shape) for n in self.nodes)
+        return Single("\n".join(lines), (size["f"] + size["i"]) * width, operations)
+
+    def is_converted(self, source: Any) -> bool:
+        """Whether an argument is of another type than what the program computes with."""
+        kind = self.real if source.kind == "f" else self.program.whole_number
+        return source.of >= 0 and self.inputs[source.of].dtype != kind
+
+    def argument(self, source: Any, index: str) -> str:
+        field = self.inputs[source.of]
+        return f"in->{field.name}[{index}]" if field.shape else f"in->{field.name}"
+
+    def at(self, source, index):
+        found = self.sources[source]
+        if source in self.local or found.single or found.table is not None:
+            return super().at(source, index)
+        if source not in self.offsets:
+            return self.argument(found, index)
+        offset = self.offsets[source]
+        place = index if not offset else f"{offset} + {index}" if index != "0" else str(offset)
+        return f"{'w' if found.kind == 'f' else 'n'}[{place}]"
+
+    def load(self, group, dtypes):
+        s = group[0].out
+        source = self.sources[s]
+        value = self.argument(source, "e")
+        value = f"-({value} != 0)" if dtypes[source.of].kind == "b" else f"(N){value}"
+        return [f"for (int e = 0; e < {source.size}; e++) {self.at(s, 'e')} = {value};"]
+
+    def stored(self, field: Field, places: np.ndarray) -> list[str]:
+        """A result, in its field."""
+        flat = places.reshape(-1)
+        truth = " != 0" if field.dtype.kind == "b" else ""
+        if flat.size > 4 and len(sources_of(flat)) == 1 and (flat >= 0).all():
+            value = self.reader(flat, [flat.size], False)(["e"])
+            return [f"for (int e = 0; e < {flat.size}; e++) out->{field.name}[e] = {value}{truth};"]
+        values = [self.reader(place, [], False)(["0"]) for place in flat]
+        index = [f"[{e}]" if field.shape else "" for e in range(flat.size)]
+        return [f"out->{field.name}{i} = {value}{truth};" for i, value in zip(index, values, strict=True)]
+
+
+def _functions(text: str) -> list[str]:
+    """The definitions of the functions that a text calls."""
+    called = set(_CALLED.findall(text))
+    own = [line for name, line in _definitions().items() if name in called]
+    library = sorted(name for name in set(_LIBRARY.findall(text)) if f"{name}_r" not in _definitions())
+    for name in library:
+        two = name in ("atan2", "pow")
+        own.append(
+            f"static inline R {name}_r(R a{', R b' * two}) {{ return F({name})(a{', b' * two}); }}",
+        )
+    return own
+
+
+@functools.cache
+def _definitions() -> dict[str, str]:
+    """The functions of `scalars.h`, by name."""
+    lines = Path(__file__).with_name("scalars.h").read_text().splitlines()
+    return {_CALLED.findall(line)[0]: line for line in lines if line.startswith("static inline")}
