@@ -14,12 +14,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from jax.extend.core import ClosedJaxpr
 
+from ._c_dot import LEAST, product
 from ._c_nodes import Node, sources_of, used_by
 from ._c_order import grouped, laid_out
 from ._c_program import taken_apart
 from ._c_text import Writer, c_type
 
-_LIBRARY = re.compile(r"\b([a-z]\w*)_r\(")
 _CALLED = re.compile(r"\b(\w+_[rn])\(")
 
 
@@ -111,7 +111,7 @@ class _Writer(Writer):
             f"#define F(name) name{'##f' if width == 4 else ''}",
             f"#define LAST INT{8 * width}_MAX",
             "",
-            *_functions(text),
+            *_functions(text, width == 4),
             "",
             *self.table_lines,
             "",
@@ -144,6 +144,11 @@ class _Writer(Writer):
         place = index if not offset else f"{offset} + {index}" if index != "0" else str(offset)
         return f"{'w' if found.kind == 'f' else 'n'}[{place}]"
 
+    def dot(self, node):
+        if max(node.shape[1], node.shape[3]) < LEAST or self.sources[node.out].kind != "f":
+            return super().dot(node)
+        return product(node, self.reader, functools.partial(self.at, node.out), self.table, self.sources)
+
     def load(self, group, dtypes):
         s = group[0].out
         source = self.sources[s]
@@ -163,21 +168,22 @@ class _Writer(Writer):
         return [f"out->{field.name}{i} = {value}{truth};" for i, value in zip(index, values, strict=True)]
 
 
-def _functions(text: str) -> list[str]:
-    """The definitions of the functions that a text calls."""
+def _functions(text: str, single: bool) -> list[str]:
+    """The definitions of the functions that a text calls, in `single` precision or double."""
+    known = {name: each for name, each in _definitions().items() if single or "(float a)" not in each}
     called = set(_CALLED.findall(text))
-    own = [line for name, line in _definitions().items() if name in called]
-    library = sorted(name for name in set(_LIBRARY.findall(text)) if f"{name}_r" not in _definitions())
-    for name in library:
-        two = name in ("atan2", "pow")
-        own.append(
-            f"static inline R {name}_r(R a{', R b' * two}) {{ return F({name})(a{', b' * two}); }}",
-        )
+    called |= {name for each in called & known.keys() for name in _CALLED.findall(known[each])}
+    own = [each.replace("float a", "R a") for name, each in known.items() if name in called]
+    for name in sorted(called - known.keys()):
+        two = name in ("atan2_r", "pow_r")
+        arguments, values = ("R a, R b", "a, b") if two else ("R a", "a")
+        own.append(f"static inline R {name}({arguments}) {{ return F({name[:-2]})({values}); }}")
     return own
 
 
 @functools.cache
 def _definitions() -> dict[str, str]:
     """The functions of `scalars.h`, by name."""
-    lines = Path(__file__).with_name("scalars.h").read_text().splitlines()
-    return {_CALLED.findall(line)[0]: line for line in lines if line.startswith("static inline")}
+    text = Path(__file__).with_name("scalars.h").read_text()
+    found = re.findall(r"^static inline .*?}$", text, re.DOTALL | re.MULTILINE)
+    return {_CALLED.findall(each)[0]: each for each in found}

@@ -103,9 +103,13 @@ class Writer:
             return "((R)NAN)"
         if np.isinf(value):
             return "((R)INFINITY)" if value > 0 else "(-(R)INFINITY)"
-        text = repr(float(value)) if self.real.itemsize == 8 else f"{float(value):.9g}"
-        text = text if any(c in text for c in ".e") else text + ".0"
-        return f"({text}{'f' if self.real.itemsize == 4 else ''})"
+        return f"({np.float32(value)}f)" if self.real.itemsize == 4 else f"({float(value)})"
+
+    def entry(self, value: Any) -> str:
+        """A number in a table: a `double` of few digits as a `float`, which is the same there, and shorter."""
+        if self.real.itemsize == 8 and value.dtype.kind == "f" and 0 <= abs(value) < 1e30 and np.float32(value) == value:
+            return f"{np.float32(value)}f"
+        return self.literal(value).removeprefix("(").removesuffix(")")
 
     def lanes(self, text: str, kind: str) -> str:
         return f"ALL({text})" if kind == "f" else f"ALL_N({text})"
@@ -136,7 +140,7 @@ class Writer:
                 kind, texts = "uint32_t", [str(x) for x in flat]
             else:
                 kind = "R" if flat.dtype.kind == "f" else "N"
-                texts = [self.literal(x) for x in flat]
+                texts = [self.entry(x) for x in flat]
             self.table_lines.append(f"static const {kind} {name}[{flat.size}] = {{")
             for k in range(0, len(texts), _TABLE_LINE):
                 self.table_lines.append("    " + ", ".join(texts[k : k + _TABLE_LINE]) + ",")
