@@ -52,7 +52,7 @@ def apart(found, expected):
     worst = 0.0
     for a, b in zip(found, [b for b in jax.tree.leaves(expected) if b.size], strict=True):
         b = np.asarray(b)
-        assert a.dtype == b.dtype and a.shape == b.shape and np.isfinite(b).all()
+        assert a.dtype == b.dtype and a.shape == b.shape and np.isfinite(a).all() and np.isfinite(b).all()
         if b.dtype == bool:
             assert (a == b).all()
             continue

@@ -21,6 +21,7 @@ from .calling import STRICT, apart, compiled_c, needs_compiler, packed
 
 MANY = 2000
 PRECISIONS = pytest.mark.parametrize("precision", ["float", "double"])
+TYPES = {"float": np.float32, "double": np.float64}
 WITHIN = {"float": 1e-5, "double": 1e-10}
 AS_ROUNDED = 8  # times what rounding the state once changes, where that is more
 
@@ -30,7 +31,7 @@ def in_precision(precision):
 
 
 def of_type(precision, tree):
-    return jax.tree.map(lambda a: np.asarray(a, precision if a.dtype != bool else bool), tree)
+    return jax.tree.map(lambda a: np.asarray(a, TYPES[precision] if a.dtype != bool else bool), tree)
 
 
 def assert_c_is_jax(function, precision, folder, fixed, *states):
