@@ -168,6 +168,22 @@ _COMMANDS: dict[str, tuple[str, str, str, list[tuple[str, dict[str, Any]]]]] = {
             _argument("--overwrite", "replace demonstrations that are there"),
         ],
     ),
+    "export": (
+        "write a skill as a C file that a controller compiles",
+        "The whole policy of a skill on its robot as one C99 file and its header, with nothing beside them: no "
+        "allocation, no state, a fixed number of steps. With them a CMakeLists.txt, a program that runs it at 1 kHz "
+        "and an example in C++.",
+        f"{_DRAWER} --c out/drawer_c",
+        [
+            _argument("SKILL", _SKILL),
+            _argument("--c DIR", "folder to write to", required=True),
+            _argument("--precision", "of its numbers", "float", choices=("float", "double")),
+            _argument("--obstacles N", "slots for spheres that the arm keeps off", 0),
+            _argument("--certificate", "give the energy V and its dissipation, too"),
+            _argument("--robot FILE", _MOVED, type=str),
+            _argument("--demos DIR", "where the program starts: " + _LEARNED_FROM, type=str),
+        ],
+    ),
     "view": (
         "watch a policy run live in the browser, drag and push it",
         "A page on this machine, with the policy running at 1 kHz in it: drag its goal, its object and "

@@ -2,3 +2,4 @@
 
 from ._c_source import CSource as CSource
 from ._c_source import c as c
+from ._project import write_project as write_project

@@ -15,11 +15,13 @@ import numpy as np
 from jax.extend.core import ClosedJaxpr
 
 from ._c_dot import LEAST, product
-from ._c_nodes import Node, sources_of, used_by
+from ._c_nodes import BITS, Node, sources_of, used_by
 from ._c_order import grouped, laid_out
 from ._c_program import taken_apart
+from ._c_repeated import without_repetition
 from ._c_text import Writer, c_type
 
+_LONGEST = 200  # characters of an expression that becomes part of another
 _CALLED = re.compile(r"\b(\w+_[rn])\(")
 
 
@@ -93,15 +95,23 @@ class _Writer(Writer):
         for kind in "fi":
             offsets, size[kind] = laid_out(self.sources, [*loads, *groups], kept, kind)
             self.offsets |= offsets
-        body = [line for load in loads for line in self.load(load, dtypes)]
+        blocks = [self.load(load, dtypes) for load in loads]
+        inlined = self.used_at_once(groups) - kept
         for group in groups:
-            body += self.code(group)
+            lines = self.code(group)
+            if group[0].out in inlined and len(lines[0]) < _LONGEST:
+                self.local[group[0].out] = f"({lines[0].partition(' = ')[2].removesuffix(';')})"
+            else:
+                blocks.append(lines)
+        kinds = {f"s{s}": "R" if source.kind == "f" else "N" for s, source in enumerate(self.sources)}
+        kinds |= {line.split()[3].partition("[")[0]: line.split()[2] for line in self.table_lines if "static" in line}
+        functions, body = without_repetition(blocks, kinds)
         for field, (places, _) in zip(self.outputs, results, strict=True):
             body += self.stored(field, places)
         width = self.real.itemsize
         memory = [f"{kind} {w}[{size[k]}];" for k, kind, w in (("f", "R", "w"), ("i", "N", "n")) if size[k]]
         kind, whole = ("float", "int32_t") if width == 4 else ("double", "int64_t")
-        text = "\n".join(body)
+        text = "\n".join([*functions, *body])
         lines = [
             "#include <math.h>",
             "#include <stdint.h>",
@@ -115,6 +125,8 @@ class _Writer(Writer):
             "",
             *self.table_lines,
             "",
+            *functions,
+            "",
             f"void {name}(const {name}_in *in, {name}_out *out) {{",
             *(f"    {line}" for line in memory),
             *([] if "in->" in text else ["    (void)in;"]),
@@ -124,6 +136,23 @@ class _Writer(Writer):
         ]
         operations = sum(math.prod(n.shape) for n in self.nodes)
         return Single("\n".join(lines), (size["f"] + size["i"]) * width, operations)
+
+    def used_at_once(self, groups: Sequence[Sequence[Node]]) -> set[int]:
+        """Single values that one other is made of, before anything else is written to memory, and nothing else."""
+        used: dict[int, list[int]] = {}
+        where, run = {}, 0
+        for group in groups:
+            node = group[0]
+            run += bool(node.shape) or node.op == "copy"
+            where[node.out] = run if not node.shape and node.op != "copy" else -1
+            for each in group:
+                for place in (int(p) >> BITS for places in each.places for p in np.atleast_1d(places).flat if p >= 0):
+                    used.setdefault(place, []).append(each.out)
+        return {
+            s
+            for s, users in used.items()
+            if len(users) == 1 and where.get(s, -1) >= 0 and where.get(users[0], -2) == where[s]
+        }
 
     def is_converted(self, source: Any) -> bool:
         """Whether an argument is of another type than what the program computes with."""
@@ -141,7 +170,7 @@ class _Writer(Writer):
         if source not in self.offsets:
             return self.argument(found, index)
         offset = self.offsets[source]
-        place = index if not offset else f"{offset} + {index}" if index != "0" else str(offset)
+        place = f"{offset} + {index}" if index != "0" else str(offset)
         return f"{'w' if found.kind == 'f' else 'n'}[{place}]"
 
     def dot(self, node):

@@ -103,13 +103,17 @@ class Writer:
             return "((R)NAN)"
         if np.isinf(value):
             return "((R)INFINITY)" if value > 0 else "(-(R)INFINITY)"
-        return f"({np.float32(value)}f)" if self.real.itemsize == 4 else f"({float(value)})"
+        return f"({np.float32(value)!s}f)" if self.real.itemsize == 4 else f"({float(value)!s})"
 
     def entry(self, value: Any) -> str:
-        """A number in a table: a `double` of few digits as a `float`, which is the same there, and shorter."""
-        if self.real.itemsize == 8 and value.dtype.kind == "f" and 0 <= abs(value) < 1e30 and np.float32(value) == value:
-            return f"{np.float32(value)}f"
-        return self.literal(value).removeprefix("(").removesuffix(")")
+        """A number in a table, which has a type; what is of single precision as short as that, also among doubles."""
+        if value.dtype.kind != "f" or not 0 <= abs(value) < 1e30 or np.float32(value) != value:
+            return self.literal(value).removeprefix("(").removesuffix(")")
+        text = str(np.float32(value))
+        if text.endswith(".0"):
+            return text if value == 0 and np.signbit(value) else text[:-2]
+        text = text.replace("0.", ".", 1) if abs(value) < 1 else text
+        return f"{text}{'f' if self.real.itemsize == 8 else ''}"
 
     def lanes(self, text: str, kind: str) -> str:
         return f"ALL({text})" if kind == "f" else f"ALL_N({text})"
