@@ -1,5 +1,6 @@
 """Exported C, compiled as a user would and called from Python."""
 
+import contextlib
 import ctypes
 import shutil
 import subprocess
@@ -8,7 +9,8 @@ import jax
 import numpy as np
 import pytest
 
-from jaxrmp.xla import layout
+from jaxrmp import export
+from jaxrmp.xla import layout, machinery
 
 needs_compiler = pytest.mark.skipif(not shutil.which("gcc"), reason="needs gcc")
 STRICT = "-std=c99 -Wall -Wextra -Werror"
@@ -59,3 +61,44 @@ def apart(found, expected):
         scale = np.maximum(np.abs(b).reshape(len(b), -1).max(axis=1), 1)
         worst = max(worst, float((np.abs(a - b).reshape(len(b), -1).max(axis=1) / scale).max()))
     return worst
+
+
+MANY = 2000
+PRECISIONS = pytest.mark.parametrize("precision", ["float", "double"])
+TYPES = {"float": np.float32, "double": np.float64}
+WITHIN = {"float": 1e-5, "double": 1e-10}
+AS_ROUNDED = 8  # times what rounding the state once changes, where that is more
+
+
+def in_precision(precision):
+    return jax.enable_x64(True) if precision == "double" else contextlib.nullcontext()
+
+
+def of_type(precision, tree):
+    return jax.tree.map(lambda a: np.asarray(a, TYPES[precision] if a.dtype != bool else bool), tree)
+
+
+def assert_c_is_jax(function, precision, folder, fixed, *states):
+    """What a function of `fixed` arguments and states [N, ...] gives in C is what it gives by JAX as written."""
+    fixed, states = of_type(precision, fixed), of_type(precision, states)
+    with in_precision(precision):
+        found = export.c(function, *fixed, *jax.tree.map(lambda a: a[0], states))
+        expected = by_jax(function, fixed, states)
+    given = compiled_c(found, folder)(*fixed, *states)
+    assert within_rounding(given, expected, function, precision, fixed, states)
+
+
+def within_rounding(given, expected, function, precision, fixed, states):
+    """Whether results in C are those `expected` of JAX to what a precision promises, or, where that is more, to what
+    rounding the states changes."""
+    if (error := apart(given, expected)) <= WITHIN[precision]:
+        return True
+    with in_precision(precision):
+        nudged = by_jax(function, fixed, [a * a.dtype.type(1 + 2 * np.finfo(a.dtype).eps) for a in states])
+    return error <= AS_ROUNDED * apart(nudged, expected)
+
+
+def by_jax(function, fixed, states):
+    with machinery(False):
+        many = jax.jit(jax.vmap(function, (None,) * len(fixed) + (0,) * len(states)))
+        return [np.asarray(a) for a in jax.tree.leaves(many(*fixed, *states)) if a.size]
