@@ -5,6 +5,7 @@ import contextlib
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from .. import export
@@ -55,24 +56,24 @@ def skill_in_c(
     **Raises** `ExportError`, else as `whole_arm_policy`.
     """
     real = np.dtype(np.float32 if precision == "float" else np.float64)
-    # In the precision asked for throughout: what it computes of its own numbers, too.
-    policy = jax.tree.map(lambda a: np.asarray(a, bool if a.dtype == bool else real), whole_arm_policy(skill, robot))
 
-    def whole(q: Any, qd: Any, T_world_object: Any, obstacles: Any) -> dict[str, Any]:
-        tree = policy.tree(T_world_object, World(spheres=obstacles))
-        if not certificate:
-            return {"qdd": resolve(tree(q, qd))}
-        measured = tree.measure(q, qd)
-        return {
-            "qdd": resolve(measured.form.dense()),
-            "V": measured.energy,
-            "dissipation": measured.dissipation,
-        }
+    def of_precision(tree: Any, array: Any) -> Any:
+        return jax.tree.map(lambda a: array(a, bool if np.asarray(a).dtype == bool else real), tree)
 
     with jax.enable_x64(True) if precision == "double" else contextlib.nullcontext():
+        # In the precision asked for throughout: what it computes of its own numbers, too.
+        policy = of_precision(whole_arm_policy(skill, robot), jnp.asarray)
+
+        def whole(q: Any, qd: Any, T_world_object: Any, obstacles: Any) -> dict[str, Any]:
+            tree = policy.tree(T_world_object, World(spheres=obstacles))
+            if not certificate:
+                return {"qdd": resolve(tree(q, qd))}
+            measured = tree.measure(q, qd)
+            found = {"V": measured.energy, "dissipation": measured.dissipation}
+            return {"qdd": resolve(measured.form.dense()), **found}
+
         q, T = np.zeros(robot.num_joints, real), np.eye(4, dtype=real)
-        slots = Spheres.of([], capacity=obstacles) if obstacles else None
-        slots = jax.tree.map(lambda a: np.asarray(a, bool if np.asarray(a).dtype == bool else real), slots)
+        slots = of_precision(Spheres.of([], capacity=obstacles) if obstacles else None, np.asarray)
         name, about = skill.configuration.name, f"The skill {skill.configuration.name} on {robot.name}"
         about += f", kinematics {robot.fingerprint}."
         return export.c(whole, q, q, T, slots, name=name, units=_UNITS, about=about)

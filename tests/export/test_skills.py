@@ -54,7 +54,7 @@ def test_whole_arm(method, precision, skills, tmp_path):
     states = [a.astype(real) for a in (q, qd)]
 
     def expected(T, spheres, q, qd):
-        policy = jax.tree.map(lambda a: np.asarray(a, bool if a.dtype == bool else real), whole_arm_policy(skill, ROBOT))
+        policy = jax.tree.map(lambda a: jnp.asarray(a, bool if a.dtype == bool else real), whole_arm_policy(skill, ROBOT))
         tree = policy.tree(T, World(spheres=spheres))
         seen = certificate(tree, q, qd)
         return seen.energy, seen.dissipation, acceleration(tree, q, qd)
@@ -92,6 +92,7 @@ def test_the_command_writes_what_builds_and_comes_to_rest_where_jax_does(skills,
 def test_what_the_command_refuses(skills, tmp_path, capsys):
     save_skill(skills["paper"], tmp_path / "drawer.skill.npz")
     command = ["export", str(tmp_path / "drawer.skill.npz"), "--c", str(tmp_path / "c")]
+    capsys.readouterr()
     assert main([*command, "--obstacles", "-1"]) == 1
     assert "--obstacles is -1, expected 0 or more" in capsys.readouterr().err
     assert main([*command, "--demos", str(tmp_path / "nowhere"), "--quiet"]) == 1
