@@ -79,8 +79,7 @@ class RolloutError(JaxrmpError, RuntimeError):
 
 
 class ExportError(JaxrmpError, ValueError):
-    """A function cannot be written in another language: it holds an operation that has no form there, or is too large.
-    """
+    """A function cannot be written in another language: an operation has no form there, or it is too large."""
 
 
 class FileWarning(UserWarning):

@@ -98,7 +98,8 @@ def c(
     structs = f"{struct(f'{name}_in', inputs)}\n\n{struct(f'{name}_out', outputs)}"
     fingerprint = hashlib.sha256(f"{structs}\n{program.text}".encode()).hexdigest()[:16]
     about = f"{about}\n   " if about else ""
-    source = f'/* {about}Written by jaxrmp {__version__}. Fingerprint {fingerprint}. */\n\n#include "{name}.h"\n{program.text}'
+    head = f"/* {about}Written by jaxrmp {__version__}. Fingerprint {fingerprint}. */"
+    source = f'{head}\n\n#include "{name}.h"\n{program.text}'
     header = _header(name, inputs, outputs, fingerprint, program, about)
     return CSource(name, source, header, inputs, outputs, fingerprint, program.stack, program.operations)
 

@@ -13,9 +13,7 @@ from pathlib import Path
 _LONGEST = 300  # seconds that the C compiler may take
 
 
-def library_of(
-    text: str, flags: str, libraries: Sequence[str], include: Sequence[str] = (), depends: str = ""
-) -> Path:
+def library_of(text: str, flags: str, libraries: Sequence[str], include: Sequence[str] = (), depends: str = "") -> Path:
     """The library of a C program, in the folder that the environment variable `JAXRMP_CACHE` names.
 
     **Arguments**: `flags`, `libraries` and `include`, of the compiler; `depends`, what else decides what it makes.

@@ -82,7 +82,11 @@ def laid_out(
     for k, group in enumerate(groups):
         for node in group:
             source = sources[node.out]
-            if source.single or source.kind not in kinds or (is_loop(node) and last[node.out] == k and node.out not in kept):
+            if (
+                source.single
+                or source.kind not in kinds
+                or (is_loop(node) and last[node.out] == k and node.out not in kept)
+            ):
                 continue
             need = source.size
             fit = min((hole for hole in free if hole[1] >= need), key=lambda hole: hole[1], default=None)

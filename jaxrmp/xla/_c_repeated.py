@@ -5,7 +5,9 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import NamedTuple
 
-_WHERE = re.compile(r"\b(?P<memory>[wn])\[(?P<offset>\d+)(?: \+ (?=[^\]]))?(?P<end>\])?|\b(?P<table>t\d+)\b|\b(?P<value>s\d+)\b")
+_WHERE = re.compile(
+    r"\b(?P<memory>[wn])\[(?P<offset>\d+)(?: \+ (?=[^\]]))?(?P<end>\])?|\b(?P<table>t\d+)\b|\b(?P<value>s\d+)\b"
+)
 _OWN = re.compile(r"\b[RN] (s\d+) =")
 _MOST = 12  # arguments
 _LEAST = 80  # characters that are worth a function
@@ -19,9 +21,7 @@ class _Shape(NamedTuple):
     kinds: tuple[str, ...]
 
 
-def without_repetition(
-    blocks: Sequence[Sequence[str]], kinds: dict[str, str]
-) -> tuple[list[str], list[str]]:
+def without_repetition(blocks: Sequence[Sequence[str]], kinds: dict[str, str]) -> tuple[list[str], list[str]]:
     """Definitions of functions, and the statements of all `blocks`, those that come again as calls.
 
     **Arguments**: `blocks`, lines each, whose arrays in memory do not overlap unless they begin together; `kinds`, the

@@ -85,6 +85,7 @@ class _Writer(Writer):
     def __init__(self, program: Any, real: np.dtype, inputs: Sequence[Field], outputs: Sequence[Field]):
         super().__init__(program, real)
         self.inputs, self.outputs = inputs, outputs
+        self.large: dict[bytes, str] = {}  # constants that products read, by their numbers
 
     def function(self, name: str, dtypes: Sequence[np.dtype], results: Sequence[tuple[np.ndarray, np.dtype]]) -> Single:
         kept = {s for places, _ in results for s in sources_of(places)}
@@ -176,7 +177,7 @@ class _Writer(Writer):
     def dot(self, node):
         if max(node.shape[1], node.shape[3]) < LEAST or self.sources[node.out].kind != "f":
             return super().dot(node)
-        return product(node, self.reader, functools.partial(self.at, node.out), self.table, self.sources)
+        return product(node, self, functools.partial(self.at, node.out))
 
     def load(self, group, dtypes):
         s = group[0].out

@@ -17,6 +17,7 @@ from jaxrmp.xla import layout
 from ..xla.examples import LEAVES, MAPS, RNG, of_leaf, of_map, tree_24_pairs
 from .calling import MANY, PRECISIONS, STRICT, apart, assert_c_is_jax, by_jax, compiled_c, needs_compiler, packed
 
+
 def states(count, shape):
     return 0.9 * RNG.uniform(-1, 1, (count, *shape)) + 0.1, RNG.normal(size=(count, *shape))
 
@@ -82,7 +83,7 @@ def test_large_arrays_however_it_is_compiled(flags, tmp_path):
     weights = RNG.normal(size=(4, 70, 33)).astype(np.float32)
 
     def function(x, k):
-        y = jnp.tanh(weights[0] @ x[:33]) + jnp.exp(-(weights[1] @ x[-33:]) ** 2)
+        y = jnp.tanh(weights[0] @ x[:33]) + jnp.exp(-((weights[1] @ x[-33:]) ** 2))
         A = jnp.einsum("nij,nkj->nik", weights[:, :10] * y[:10, None], weights[:, 5:10])
         return y, A @ A.swapaxes(1, 2), jax.nn.softmax(x), x[::-1] * k, jnp.where(x > 0, k, -k), jnp.max(x)
 

@@ -12,12 +12,12 @@ from jaxrmp import acceleration, certificate
 from jaxrmp.cli import main
 from jaxrmp.cli._export import skill_in_c
 from jaxrmp.kinematics import panda
-from jaxrmp.learning import load_configuration, load_skill, learn, save_skill
+from jaxrmp.learning import learn, load_configuration, load_skill, save_skill
 from jaxrmp.policies import whole_arm_policy
 from jaxrmp.synthetic import synthetic_demonstrations
 from jaxrmp.world import Spheres, World
 
-from .calling import PRECISIONS, STRICT, TYPES, apart, by_jax, compiled_c, in_precision, needs_compiler, within_rounding
+from .calling import PRECISIONS, STRICT, TYPES, by_jax, compiled_c, in_precision, needs_compiler, within_rounding
 
 CONFIG = Path(__file__).parents[2] / "configs" / "drawer_closing.toml"
 FEW = {"method": "flow", "flow.updates": 200, "flow.couplings": 4, "flow.hidden": 16}
@@ -54,7 +54,9 @@ def test_whole_arm(method, precision, skills, tmp_path):
     states = [a.astype(real) for a in (q, qd)]
 
     def expected(T, spheres, q, qd):
-        policy = jax.tree.map(lambda a: jnp.asarray(a, bool if a.dtype == bool else real), whole_arm_policy(skill, ROBOT))
+        policy = jax.tree.map(
+            lambda a: jnp.asarray(a, bool if a.dtype == bool else real), whole_arm_policy(skill, ROBOT)
+        )
         tree = policy.tree(T, World(spheres=spheres))
         seen = certificate(tree, q, qd)
         return seen.energy, seen.dissipation, acceleration(tree, q, qd)

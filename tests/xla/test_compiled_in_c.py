@@ -1,4 +1,4 @@
-"""`compiled(..., backend="c")` gives what JAX gives, refuses what it was not compiled for, and says what it cannot do."""
+"""`compiled(..., backend="c")` gives what JAX gives, refuses other arguments, and says what it cannot do."""
 
 import shutil
 import threading
