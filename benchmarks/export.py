@@ -61,8 +61,11 @@ def _measured(what: str, function: Callable, moving: Any, turns: int, fabrics: b
             start = time.perf_counter()
             calls[f"C, gcc {flags}"] = _by_gcc(source, Path(folder), flags, moving, Q, QD)
             facts[f"C, gcc {flags}"] = {**size, "compile_s": time.perf_counter() - start}
-        for name, backend in (('compiled, backend="c"', "c"), ("compiled", "xla")):
-            call = compiled(function, moving, Q[0], QD[0], backend=backend)
+        examples = moving, Q[0], QD[0]
+        for name, call in (
+            ('compiled, backend="c"', compiled(function, *examples, backend="c")),
+            ("compiled", compiled(function, *examples)),
+        ):
             calls[name] = lambda i, call=call: call(moving, Q[i % 256], QD[i % 256])
         taken: dict[str, list[float]] = {name: [] for name in calls}
         peer = Fabrics().__enter__() if fabrics else None

@@ -19,7 +19,7 @@ _MOST_STACK = 1 << 20  # bytes
 
 
 class CSource(NamedTuple):
-    """A function as C: `source` and `header`, the text of `NAME.c` and `NAME.h`.
+    """A function as C, by its `name`: `source` and `header`, the text of `NAME.c` and `NAME.h`.
 
     `inputs` and `outputs`, the fields of `NAME_in` and `NAME_out`; `fingerprint`, which differs if anything that is
     computed differs; `stack`, bytes of working memory; `operations`, on single numbers.
@@ -35,7 +35,7 @@ class CSource(NamedTuple):
     operations: int
 
     def write(self, folder: str | os.PathLike) -> tuple[Path, Path]:
-        """Write `NAME.c` and `NAME.h` into a folder, which is made if it is not there; what was there is replaced.
+        """Write `NAME.c` and `NAME.h` into a `folder`, which is made if it is not there; what was there is replaced.
 
         **Returns** the two. **Raises** `OSError`.
         """

@@ -26,7 +26,10 @@ _CALLED = re.compile(r"\b(\w+_[rn])\(")
 
 
 class Field(NamedTuple):
-    """A field of a struct: an array of some `shape`, row by row; of none if it has no entries."""
+    """A field of a struct by its `name`: an array of some `shape` and `dtype`, row by row, and a `note` of what it is.
+
+    One without entries is left out of the struct.
+    """
 
     name: str
     shape: tuple[int, ...]
@@ -49,7 +52,7 @@ class Single(NamedTuple):
 
 
 def struct(name: str, fields: Sequence[Field]) -> str:
-    """The struct NAME of these fields, in C, with their shapes and notes as comments."""
+    """The struct `name` of these `fields`, in C, with their shapes and notes as comments."""
     lines = ["typedef struct {"]
     for field in fields:
         if field.size:
@@ -61,14 +64,14 @@ def struct(name: str, fields: Sequence[Field]) -> str:
 
 
 def layout(fields: Sequence[Field]) -> np.dtype:
-    """How NumPy sees that struct."""
+    """How NumPy sees the struct of these `fields`."""
     return np.dtype([(f.name, f.dtype, f.shape) for f in fields if f.size], align=True)
 
 
 def single_program(closed: ClosedJaxpr, name: str, inputs: Sequence[Field], outputs: Sequence[Field]) -> Single:
     """A function as C: `void NAME(const NAME_in *in, NAME_out *out)`.
 
-    **Arguments**: `closed`, the function; `inputs` and `outputs`, a field for each of its arguments and results.
+    **Arguments**: `closed`, the function, and its `name`; `inputs` and `outputs`, a field for each of its arguments and results.
     **Raises** `NotScalar` for what it cannot say in C, as `taken_apart`.
     """
     program, dtypes, results, real = taken_apart(closed, [False] * len(inputs))
