@@ -15,6 +15,7 @@ NAMES = (
     "kinematics",
     "compilation",
     "peers",
+    "export",
     "roofline",
     "machinery",
     "learning",

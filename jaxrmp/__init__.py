@@ -13,6 +13,7 @@ from ._errors import BasinError as BasinError
 from ._errors import ConfigurationError as ConfigurationError
 from ._errors import ConvexProgramError as ConvexProgramError
 from ._errors import DemonstrationError as DemonstrationError
+from ._errors import ExportError as ExportError
 from ._errors import FileWarning as FileWarning
 from ._errors import JaxrmpError as JaxrmpError
 from ._errors import LeafError as LeafError

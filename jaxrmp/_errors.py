@@ -78,6 +78,10 @@ class RolloutError(JaxrmpError, RuntimeError):
     """A rollout produced non-finite states."""
 
 
+class ExportError(JaxrmpError, ValueError):
+    """A function cannot be written in another language: an operation has no form there, or it is too large."""
+
+
 class FileWarning(UserWarning):
     """Something that a file says is left out, or read in another way than it may have been meant."""
 

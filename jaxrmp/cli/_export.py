@@ -1,11 +1,102 @@
-"""`jaxrmp export`: a skill as a file that other programs run."""
+"""`jaxrmp export`: a skill as a file that other programs run: C that a controller compiles, StableHLO."""
 
 import argparse
+import contextlib
+from typing import Any
 
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from .. import export
+from .._errors import ConfigurationError, DemonstrationError
+from .._forms import resolve
+from ..kinematics import Robot
+from ..learning import Skill, prepare
+from ..policies import whole_arm_policy
+from ..world import Spheres, World
 from ._export_stablehlo import write_skill_stablehlo
-from ._sources import skill_and_robot
+from ._output import progress_bar, tell
+from ._sources import demonstrations_of, skill_and_robot
+
+_UNITS = {
+    "q": "rad, or m",
+    "qd": "rad/s, or m/s",
+    "qdd": "rad/s^2, or m/s^2",
+    "T_world_object": "where the object is, in the world of the robot's model, m",
+    "obstacles_center": "m, in the world",
+    "obstacles_radius": "m",
+    "obstacles_active": "0 for a slot without an obstacle",
+    "V": "energy, which never rises where nothing in the world moves",
+    "dissipation": "at which it falls, per second",
+}
 
 
 def run(arguments: argparse.Namespace, rest: list[str]) -> None:
+    if not (arguments.c or arguments.stablehlo):
+        raise ConfigurationError("say what to write: --c DIR, --stablehlo FILE, or both.")
+    if arguments.obstacles < 0:
+        raise ConfigurationError(f"--obstacles is {arguments.obstacles}, expected 0 or more.")
     skill, robot = skill_and_robot(arguments.skill, arguments.robot)
-    print(f"wrote {write_skill_stablehlo(skill, robot, arguments.stablehlo)}: qdd of q, qd and T_world_object")
+    if arguments.stablehlo:
+        print(f"wrote {write_skill_stablehlo(skill, robot, arguments.stablehlo)}: qdd of q, qd and T_world_object")
+    if arguments.c:
+        _write_c(arguments, skill, robot)
+
+
+def _write_c(arguments: argparse.Namespace, skill: Skill, robot: Robot) -> None:
+    with progress_bar(arguments.quiet) as progress:
+        progress("writing", 0.0)
+        found = skill_in_c(skill, robot, arguments.obstacles, arguments.certificate, arguments.precision)
+        progress("starting", 0.8)
+        q, T, start = _start(skill, robot, arguments.demos)
+        files = export.write_project(found, {"q": q, "T_world_object": T}, start, arguments.c)
+    print(f"wrote {', '.join(file.name for file in files)} to {arguments.c}")
+    kilobytes = len(found.source.encode()) / 1000
+    print(f"{found.operations:,} operations, {kilobytes:.0f} kB of source, {found.stack:,} bytes of stack")
+    print(f"fingerprint {found.fingerprint}")
+
+
+def skill_in_c(
+    skill: Skill, robot: Robot, obstacles: int = 0, certificate: bool = False, precision: str = "float"
+) -> export.CSource:
+    """The `whole_arm_policy` of a skill as C: `q`, `qd`, where the object is and `obstacles` slots for spheres to
+    `qdd`, and with a `certificate` to the tree's energy `V` and its `dissipation`, too.
+
+    **Raises** `ExportError`, else as `whole_arm_policy`.
+    """
+    real = np.dtype(np.float32 if precision == "float" else np.float64)
+
+    def of_precision(tree: Any, array: Any) -> Any:
+        return jax.tree.map(lambda a: array(a, bool if np.asarray(a).dtype == bool else real), tree)
+
+    with jax.enable_x64(True) if precision == "double" else contextlib.nullcontext():
+        # In the precision asked for throughout: what it computes of its own numbers, too.
+        policy = of_precision(whole_arm_policy(skill, robot), jnp.asarray)
+
+        def whole(q: Any, qd: Any, T_world_object: Any, obstacles: Any) -> dict[str, Any]:
+            tree = policy.tree(T_world_object, World(spheres=obstacles))
+            if not certificate:
+                return {"qdd": resolve(tree(q, qd))}
+            measured = tree.measure(q, qd)
+            found = {"V": measured.energy, "dissipation": measured.dissipation}
+            return {"qdd": resolve(measured.form.dense()), **found}
+
+        q, T = np.zeros(robot.num_joints, real), np.eye(4, dtype=real)
+        slots = of_precision(Spheres.of([], capacity=obstacles) if obstacles else None, np.asarray)
+        name, about = skill.configuration.name, f"The skill {skill.configuration.name} on {robot.name}"
+        about += f", kinematics {robot.fingerprint}."
+        return export.c(whole, q, q, T, slots, name=name, units=_UNITS, about=about)
+
+
+def _start(skill: Skill, robot: Robot, named: str | None) -> tuple[np.ndarray, np.ndarray, str]:
+    """Joint positions and object's pose to start from, and what they are."""
+    try:
+        prepared = prepare(skill.configuration, robot, demonstrations_of(skill, named, robot))
+        return np.asarray(prepared.joints.q[0][0]), np.asarray(prepared.poses[0]), "the first demonstration's start"
+    except DemonstrationError as error:
+        if named:
+            raise
+        tell(f"main.c starts in the middle of the joints' ranges. {error}")
+    bounds = np.clip([robot.lower, robot.upper], -np.pi, np.pi)
+    return bounds.mean(axis=0), np.asarray(skill.T_world_object), "the middle of the joints' ranges"

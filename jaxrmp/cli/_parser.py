@@ -86,18 +86,6 @@ _COMMANDS: dict[str, tuple[str, str, str, list[tuple[str, dict[str, Any]]]]] = {
             _argument("--dt S", "seconds a step", 0.005),
         ],
     ),
-    "export": (
-        "write a skill as a file that other programs run",
-        "The whole policy of a skill on its robot as StableHLO: joint accelerations [n] of joint positions and "
-        "velocities [n] and the object's pose [4, 4], in single precision, run "
-        "by jax.export.deserialize(content).call where jax and flatbuffers are installed.",
-        f"{_DRAWER} --stablehlo drawer.stablehlo",
-        [
-            _argument("SKILL", _SKILL),
-            _argument("--robot FILE", _MOVED, type=str),
-            _argument("--stablehlo FILE", "write the program here", required=True),
-        ],
-    ),
     "run": (
         "run a skill in physics",
         "Trials in MuJoCo at 1 kHz with contacts and torque limits: first from every demonstration's "
@@ -178,6 +166,24 @@ _COMMANDS: dict[str, tuple[str, str, str, list[tuple[str, dict[str, Any]]]]] = {
             _argument("--count N", "how many demonstrations", 6),
             _argument("--seed S", "random seed", 0),
             _argument("--overwrite", "replace demonstrations that are there"),
+        ],
+    ),
+    "export": (
+        "write a skill as a file that other programs run",
+        "The whole policy of a skill on its robot. As one C99 file and its header, with nothing beside them: no "
+        "allocation, no state, a fixed number of steps; with them a CMakeLists.txt, a program that runs it at 1 kHz "
+        "and an example in C++. Or as StableHLO, in single precision and without obstacles, run by "
+        "jax.export.deserialize(content).call where jax and flatbuffers are installed.",
+        f"{_DRAWER} --c out/drawer_c",
+        [
+            _argument("SKILL", _SKILL),
+            _argument("--c DIR", "folder to write C to"),
+            _argument("--stablehlo FILE", "write the program of StableHLO here"),
+            _argument("--precision", "of the numbers in C", "float", choices=("float", "double")),
+            _argument("--obstacles N", "in C, slots for spheres that the arm keeps off", 0),
+            _argument("--certificate", "in C, give the energy V and its dissipation, too"),
+            _argument("--robot FILE", _MOVED, type=str),
+            _argument("--demos DIR", "where the C program starts: " + _LEARNED_FROM, type=str),
         ],
     ),
     "view": (

@@ -4,6 +4,11 @@ Mathematics is written as it is in the papers and says one word, `one_loop`, whe
 repeats. With `machinery(False)`, or `JAXRMP_XLA=off` in the environment, that word means nothing.
 """
 
+from ._c_single import Field as Field
+from ._c_single import Single as Single
+from ._c_single import layout as layout
+from ._c_single import single_program as single_program
+from ._c_single import struct as struct
 from ._compiled import Compiled as Compiled
 from ._compiled import compiled as compiled
 from ._cores import own_cores as own_cores
@@ -16,5 +21,6 @@ from ._quickly import known_options as known_options
 from ._quickly import quickly as quickly
 from ._report import Part as Part
 from ._report import report as report
+from ._scalar_program import NotScalar as NotScalar
 from ._switch import as_here as as_here
 from ._switch import machinery as machinery

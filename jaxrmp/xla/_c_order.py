@@ -64,8 +64,10 @@ def _joins(node: Node, own: set[int]) -> bool:
     )
 
 
-def laid_out(sources: Sequence[Source], groups: Sequence[Sequence[Node]], kept: set[int]) -> tuple[dict[int, int], int]:
-    """Offsets of arrays in lanes, so that those of one time are next to each other; how many vectors there are."""
+def laid_out(
+    sources: Sequence[Source], groups: Sequence[Sequence[Node]], kept: set[int], kinds: str = "fi"
+) -> tuple[dict[int, int], int]:
+    """Offsets of arrays of these `kinds`, so that those of one time are next to each other; how many entries."""
     last: dict[int, int] = {}
     for k, group in enumerate(groups):
         for node in group:
@@ -80,7 +82,11 @@ def laid_out(sources: Sequence[Source], groups: Sequence[Sequence[Node]], kept: 
     for k, group in enumerate(groups):
         for node in group:
             source = sources[node.out]
-            if source.single or (is_loop(node) and last[node.out] == k and node.out not in kept):
+            if (
+                source.single
+                or source.kind not in kinds
+                or (is_loop(node) and last[node.out] == k and node.out not in kept)
+            ):
                 continue
             need = source.size
             fit = min((hole for hole in free if hole[1] >= need), key=lambda hole: hole[1], default=None)
@@ -93,7 +99,7 @@ def laid_out(sources: Sequence[Source], groups: Sequence[Sequence[Node]], kept: 
                 offsets[node.out] = size
                 size += need
         for s in ends.get(k, ()):
-            if s in offsets and not sources[s].shared:
+            if s in offsets:
                 free = _joined([*free, (offsets[s], sources[s].size)])
     return offsets, size
 

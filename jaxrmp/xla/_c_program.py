@@ -1,4 +1,4 @@
-"""A function of one state as C that computes several states at once, one in each lane of a vector.
+"""A function of one state taken apart into what C programs are made of.
 
 Small arrays are taken apart into scalars, as for XLA (`_scalar_program.py`), and become single statements, which share
 what is equal and leave out what is zero; large ones become loops, neighbours of one shape a single loop. What moves
@@ -18,7 +18,7 @@ from ._c_gather import gathered
 from ._c_nodes import BITS, INDEX, Node, Source, sources_of
 from ._c_order import needed
 from ._c_scan import scanned
-from ._c_text import written
+from ._c_types import check_types, kind_of
 from ._rows import matrices, rows_over
 from ._scalar_program import ELEMENTWISE, Builder, NotScalar, Operation, coordinate_program
 
@@ -29,10 +29,6 @@ _BLOCKS = 64  # of a product with zeros
 _UNTOLD = np.iinfo(np.int64).min
 _MOST_SINGLE = 20000  # statements: compilers take more than proportionally long
 _MOST_KNOWN, _MOST_WRITTEN = 65536, 1024  # numbers of a constant whose values are looked at, and that are written out
-# Truth is all bits set or none, whose order is not that of numbers.
-_OF_NUMBERS = frozenset(
-    "add add_any sub mul neg max min reduce_max reduce_min reduce_sum lt le gt ge clamp sign abs".split()  # noqa: SIM905
-)
 _OF_NOTHING = {
     "reduce_sum": 0,
     "reduce_max": -np.inf,
@@ -40,18 +36,9 @@ _OF_NOTHING = {
     "reduce_and": True,
     "reduce_or": False,
 }
-_KINDS = {"f": "f", "i": "i", "u": "i", "b": "i"}
 
 
-class CProgram(NamedTuple):
-    """`text`, a C file; `constants`, arguments behind the function's own, shared by all states."""
-
-    text: str
-    constants: tuple[np.ndarray, ...]
-    operations: int
-
-
-class _Program(Builder):
+class Program(Builder):
     """Takes a function apart; a place is a number, negative for a number that is known.
 
     `real`, the type of its numbers; whole numbers have the same size.
@@ -106,7 +93,7 @@ class _Program(Builder):
         """An argument of numbers that are too many for the program's text."""
         self.constants.append(value)
         k = self.first_constant + len(self.constants) - 1
-        return self.whole(self.source(True, _kind(value.dtype), value.size, k), value.shape)
+        return self.whole(self.source(True, kind_of(value.dtype), value.size, k), value.shape)
 
     def table(self, places: np.ndarray) -> np.ndarray:
         """Numbers that differ, as entries of a constant array."""
@@ -116,7 +103,7 @@ class _Program(Builder):
             if values.size > _MOST_WRITTEN:
                 self._tables[key] = self._constant(values)
             else:
-                found = self.source(True, _kind(values.dtype), values.size, table=values)
+                found = self.source(True, kind_of(values.dtype), values.size, table=values)
                 self._tables[key] = self.whole(found, (values.size,))
         return self._tables[key].reshape(places.shape)
 
@@ -135,7 +122,7 @@ class _Program(Builder):
                 raise NotScalar(f"more than {_MOST_SINGLE:,} operations on single numbers")
             codes = tuple(np.array(x if isinstance(x, int) else self.number(x), dtype=np.int64) for x in step.operands)
             name = _supported(step.primitive.name, step.dtype)
-            out = self.source(self.is_shared(*codes), _kind(step.dtype), 1, single=True)
+            out = self.source(self.is_shared(*codes), kind_of(step.dtype), 1, single=True)
             self.nodes.append(Node(out, name, dict(step.parameters), codes, ()))
             self._places[key] = out << BITS
             self._made[out << BITS] = step
@@ -145,6 +132,13 @@ class _Program(Builder):
         return self._made.get(place)
 
     def _equation(self, equation, operands):
+        try:
+            return self._of(equation, operands)
+        except NotScalar as error:
+            error.within.append(equation)
+            raise
+
+    def _of(self, equation, operands):
         name, parameters = equation.primitive.name, equation.params
         if name == "one_loop" and not parameters["levels"]:
             return self._of_a_loop(parameters["jaxpr"], operands)
@@ -163,13 +157,9 @@ class _Program(Builder):
         if name == "convert_element_type" and (operands[0] < 0).all():
             known = [self.known(p) for p in operands[0].reshape(-1)]
             return [self.numbers(known, types[1]).reshape(operands[0].shape)]
-        if odd := {str(t) for t in types if t not in (self.real, self.whole_number, np.dtype(bool))}:
-            raise NotScalar(f"holds `{name}` of {', '.join(sorted(odd))} among numbers of type {self.real}")
+        check_types(equation, [bool((x < 0).all()) for x in operands], self.real, self.whole_number)
         if name == "convert_element_type":
             return [self._converted(equation.primitive, operands[0], *types)]
-        truth = [v.aval.dtype.kind == "b" for v in equation.invars]
-        if (name in _OF_NUMBERS and any(truth)) or (name == "select_n" and (not truth[0] or len(operands) != 3)):
-            raise NotScalar(f"holds `{name}` of {', '.join(map(str, types))}")
         return super()._equation(equation, operands)
 
     def _converted(self, primitive, places, old, new) -> np.ndarray:
@@ -278,7 +268,7 @@ class _Program(Builder):
         places = operands if op == "copy" else tuple(map(self._in_memory, operands))
         key = (op, parameters, shape, *(p.tobytes() for p in places), *(p.shape for p in places))
         if key not in self._tables:
-            out = self.source(self.is_shared(*places), dtype if op == "copy" else _kind(dtype), size)
+            out = self.source(self.is_shared(*places), dtype if op == "copy" else kind_of(dtype), size)
             self.nodes.append(Node(out, op, dict(parameters), places, shape))
             self._tables[key] = self.whole(out, (size,))
         return self._tables[key].reshape(shape if len(shape) and math.prod(shape) == size else (size,))
@@ -347,12 +337,6 @@ class _Program(Builder):
         return self._array("reduce", (("by", name),), (rows,), rows.shape, dtype, len(rows)).reshape(shape)
 
 
-def _kind(dtype) -> str:
-    if (kind := np.dtype(dtype).kind) not in _KINDS:
-        raise NotScalar(f"holds numbers of type {dtype}")
-    return _KINDS[kind]
-
-
 def _constant(places: np.ndarray) -> bool:
     return bool((places == places.flat[0]).all())
 
@@ -369,12 +353,20 @@ def _supported(name: str, dtype: Any) -> str:
     return name
 
 
-def c_program(closed: ClosedJaxpr, mapped: Sequence[bool]) -> CProgram:
-    """A function as C: `program(const void **in, void **out, long first, long last)`, for states in that range.
+class Parts(NamedTuple):
+    """A function taken apart: its `program`; `dtypes` of its arguments and, behind them, of `program.constants`;
+    `results`, places and dtype of each; `real`, the type of its numbers."""
 
-    **Arguments**: `closed`, the function of one state; `mapped`, which of its arguments each state has its own of: in
-    memory, they have a leading axis of states, as all results do.
-    **Raises** `NotScalar` for what it cannot say in C; the message says why.
+    program: Program
+    dtypes: list[np.dtype]
+    results: list[tuple[np.ndarray, np.dtype]]
+    real: np.dtype
+
+
+def taken_apart(closed: ClosedJaxpr, mapped: Sequence[bool]) -> Parts:
+    """A function of one state as nodes and sources; `mapped`, which of its arguments each state has its own of.
+
+    **Raises** `NotScalar` for what cannot be said in C; the message says why.
     """
     values: list[Any] = [*closed.in_avals, *closed.out_avals]
     kinds = {a.dtype for a in values if a.dtype.kind == "f"}
@@ -382,14 +374,13 @@ def c_program(closed: ClosedJaxpr, mapped: Sequence[bool]) -> CProgram:
         raise NotScalar(f"numbers of type {', '.join(sorted(map(str, kinds))) or 'int alone'}")
     if odd := {str(a.dtype) for a in values if not isinstance(a.dtype, np.dtype) or a.dtype.kind not in "bif"}:
         raise NotScalar(f"arrays of type {', '.join(sorted(odd))}")
-    program = _Program(np.dtype(real))
+    program = Program(np.dtype(real))
     arguments = []
     for k, a in enumerate(closed.in_avals):
-        arguments.append(program.whole(program.source(not mapped[k], _kind(a.dtype), a.size, k), a.shape))
+        arguments.append(program.whole(program.source(not mapped[k], kind_of(a.dtype), a.size, k), a.shape))
     program.first_constant = len(arguments)
     outputs = program.run(closed.jaxpr, [program.numbers(c) for c in closed.consts], arguments)
     dtypes = [a.dtype for a in values[: len(arguments)]] + [c.dtype for c in program.constants]
     results = list(zip(outputs, [a.dtype for a in values[len(arguments) :]], strict=True))
     program.nodes = needed(program.nodes, {s for places in outputs for s in sources_of(places)})
-    text = written(program, dtypes, results, real)
-    return CProgram(text, tuple(program.constants), sum(math.prod(n.shape) for n in program.nodes))
+    return Parts(program, dtypes, results, np.dtype(real))

@@ -25,10 +25,10 @@ def written(program: Any, dtypes: Sequence[Any], results: Sequence[tuple[np.ndar
     **Arguments**: `program`, with its sources and nodes; `dtypes` of the arguments, and `results`, places and dtype of
     each; `real`, the type of its numbers.
     """
-    return _Writer(program, np.dtype(real)).file(dtypes, results)
+    return Writer(program, np.dtype(real)).file(dtypes, results)
 
 
-class _Writer:
+class Writer:
     def __init__(self, program: Any, real: np.dtype):
         self.program, self.real = program, real
         self.sources, self.nodes = program.sources, program.nodes
@@ -103,9 +103,17 @@ class _Writer:
             return "((R)NAN)"
         if np.isinf(value):
             return "((R)INFINITY)" if value > 0 else "(-(R)INFINITY)"
-        text = repr(float(value)) if self.real.itemsize == 8 else f"{float(value):.9g}"
-        text = text if any(c in text for c in ".e") else text + ".0"
-        return f"({text}{'f' if self.real.itemsize == 4 else ''})"
+        return f"({np.float32(value)!s}f)" if self.real.itemsize == 4 else f"({float(value)!s})"
+
+    def entry(self, value: Any) -> str:
+        """A number in a table, which has a type; what is of single precision as short as that, also among doubles."""
+        if value.dtype.kind != "f" or not 0 <= abs(value) < 1e30 or np.float32(value) != value:
+            return self.literal(value).removeprefix("(").removesuffix(")")
+        text = str(np.float32(value))
+        if text.endswith(".0"):
+            return text if value == 0 and np.signbit(value) else text[:-2]
+        text = text.replace("0.", ".", 1) if abs(value) < 1 else text
+        return f"{text}{'f' if self.real.itemsize == 8 else ''}"
 
     def lanes(self, text: str, kind: str) -> str:
         return f"ALL({text})" if kind == "f" else f"ALL_N({text})"
@@ -136,7 +144,7 @@ class _Writer:
                 kind, texts = "uint32_t", [str(x) for x in flat]
             else:
                 kind = "R" if flat.dtype.kind == "f" else "N"
-                texts = [self.literal(x) for x in flat]
+                texts = [self.entry(x) for x in flat]
             self.table_lines.append(f"static const {kind} {name}[{flat.size}] = {{")
             for k in range(0, len(texts), _TABLE_LINE):
                 self.table_lines.append("    " + ", ".join(texts[k : k + _TABLE_LINE]) + ",")
@@ -182,7 +190,7 @@ class _Writer:
         s = group[0].out
         source = self.sources[s]
         dtype = dtypes[source.of]
-        kind = _c_type(dtype)
+        kind = c_type(dtype)
         value = f"a[e]{' != 0' if dtype.kind == 'b' else ''}"
         value = f"-({value})" if dtype.kind == "b" else value
         target = "((R *)w)" if source.kind == "f" else "((N *)w)"
@@ -196,7 +204,7 @@ class _Writer:
     def shared_load(self, k, dtype):
         for s, source in enumerate(self.sources):
             if source.of == k and s in self.offsets and source.shared:
-                kind = _c_type(dtype)
+                kind = c_type(dtype)
                 value = (
                     f"-(((const {kind} *)in[{k}])[e] != 0)" if dtype.kind == "b" else f"((const {kind} *)in[{k}])[e]"
                 )
@@ -207,7 +215,7 @@ class _Writer:
     def store(self, k: int, places: np.ndarray, dtype: np.dtype) -> list[str]:
         """Result `k` of these states, from the lanes."""
         flat = places.reshape(-1)
-        kind, size = _c_type(dtype), flat.size
+        kind, size = c_type(dtype), flat.size
         vector, single = ("V", "R") if dtype.kind == "f" else ("VI", "N")
         truth = " != 0" if dtype.kind == "b" else ""
 
@@ -375,7 +383,7 @@ def _power(x: str, y: int) -> str:
     return f"1 / ({text})" if y < 0 else text
 
 
-def _c_type(dtype: Any) -> str:
+def c_type(dtype: Any) -> str:
     dtype = np.dtype(dtype)
     if dtype.kind == "f":
         return "float" if dtype.itemsize == 4 else "double"

@@ -8,13 +8,14 @@ make a single one of the whole, as it does of its own accord for small loops.
 import functools
 import threading
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple, overload
 
 import jax
 import numpy as np
 from jax.experimental.xla_metadata import set_xla_metadata
 
-from .._errors import ShapeError
+from .._errors import ShapeError, UnknownNameError
+from ._compiled_in_c import CompiledInC
 from ._plan import logger
 from ._switch import is_on, one_kernel
 
@@ -88,7 +89,13 @@ class Compiled:
             return np.asarray(found) if isinstance(found, jax.Array) else jax.tree.map(np.asarray, found)
 
 
-def compiled(function: Callable[..., Any], *examples: Any) -> Compiled:
+@overload
+def compiled(function: Callable[..., Any], *examples: Any, backend: Literal["xla"] = "xla") -> Compiled: ...
+@overload
+def compiled(function: Callable[..., Any], *examples: Any, backend: Literal["c"]) -> CompiledInC: ...
+def compiled(
+    function: Callable[..., Any], *examples: Any, backend: Literal["xla", "c"] = "xla"
+) -> Compiled | CompiledInC:
     """Compile `function` for a loop that calls it from Python with one state after the other.
 
     The fastest way to call a policy that is not batched: half the time of a function made by `jax.jit`, or less.
@@ -99,10 +106,12 @@ def compiled(function: Callable[..., Any], *examples: Any) -> Compiled:
     **Arguments**: `function`, of arrays and pytrees of arrays; `examples`, its arguments as the loop will pass them:
     their values do not matter, and `jax.ShapeDtypeStruct` will do. NumPy arrays and numbers travel together, in JAX's
     precision. Where an example is a JAX array, the loop passes one, too, which stays on its device: for what is large
-    and seldom changes.
+    and seldom changes. `backend`, "xla", or "c": faster still, for what C can say (`jaxrmp.export.c`), where there is a
+    C compiler, which takes some seconds, once: programs are kept in the folder that `JAXRMP_CACHE` names.
     **Returns** a function of such arguments that returns NumPy arrays, which are not to be written to. It **raises**
     `ShapeError` for arguments of other shapes or types.
-    **Raises** `TypeError` if an example holds what is no array.
+    **Raises** `TypeError` if an example holds what is no array; for "c", `ExportError` for what has no form in C, and
+    where there is no compiler.
 
     >>> import jaxrmp
     >>> from jaxrmp.leaves import Posture
@@ -111,7 +120,8 @@ def compiled(function: Callable[..., Any], *examples: Any) -> Compiled:
     >>> policy(np.array([0.5, 0.0], np.float32), q, q).shape
     (2,)
     """
-    return Compiled(function, examples)
+    UnknownNameError.check("backend", backend, ("xla", "c"))
+    return Compiled(function, examples) if backend == "xla" else CompiledInC(function, examples)
 
 
 def _laid_out(leaves: Sequence[Any]) -> tuple[list[_Slot | None], list[np.ndarray]]:

@@ -7,12 +7,8 @@ platforms and machines without a compiler get what JAX makes of the function.
 
 import ctypes
 import functools
-import hashlib
-import os
 import platform
-import shutil
 import subprocess
-import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar, cast
@@ -24,7 +20,8 @@ from jax.core import Tracer
 from jax.extend.core import ClosedJaxpr, Primitive
 from jax.interpreters import mlir
 
-from ._c_program import CProgram, c_program
+from ._c_compiler import library_of
+from ._c_lanes import CProgram, c_program
 from ._one_loop import as_it_stands, bound, define
 from ._plan import logger
 from ._scalar_program import NotScalar
@@ -34,7 +31,6 @@ in_lanes_p = Primitive("in_lanes")
 # As fast as with -O2, which takes twice as long.
 _FLAGS = "-std=gnu11 -O1 -fexpensive-optimizations -march=native -fno-math-errno -fno-trapping-math"
 _FLAGS += " -fno-strict-aliasing -fPIC -shared"
-_LONGEST = 300  # seconds that the C compiler may take
 _FEWEST = 4  # states from which on lanes are worth it
 
 
@@ -155,44 +151,11 @@ def _registered(text: str) -> str:
 
 def _compiled(text: str) -> Path:
     """The library of a C program; **raises** `OSError` where there is none to be had."""
-    compiler, version = _compiler()
     here = Path(__file__).parent
     headers = "".join((here / name).read_text() for name in ("lanes.h", "ffi.h"))
-    told = "\0".join((text, headers, _FLAGS, version, _processor(), jax.__version__))
-    key = hashlib.sha256(told.encode()).hexdigest()[:32]
-    folder = Path(os.environ.get("JAXRMP_CACHE") or "~/.cache/jaxrmp/c").expanduser()
-    library = folder / f"{key}.so"
-    if library.exists():
-        return library
-    folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-    with tempfile.TemporaryDirectory(dir=folder) as made:
-        source = Path(made, "program.c")
-        source.write_text(f'{text}\n#include "ffi.h"\n')
-        mathematics = ["-lmvec", "-lm"] if platform.machine() == "x86_64" and platform.system() == "Linux" else ["-lm"]
-        include = [f"-I{here}", f"-I{jax.ffi.include_dir()}"]
-        command = [compiler, *_FLAGS.split(), *include, str(source), "-o", str(Path(made, "program.so")), *mathematics]
-        ran = subprocess.run(command, capture_output=True, text=True, check=False, timeout=_LONGEST)
-        if ran.returncode:
-            raise OSError(f"{' '.join(command[:3])} ...: {ran.stderr.strip()[-300:]}")
-        os.replace(Path(made, "program.so"), library)
-    return library
-
-
-@functools.cache
-def _compiler() -> tuple[str, str]:
-    """The C compiler, by the environment variable `CC` or on the path, and what it calls itself."""
-    found = shutil.which(os.environ.get("CC") or "cc") or shutil.which("gcc") or shutil.which("clang")
-    if not found:
-        raise OSError("there is no C compiler on the path (cc, gcc or clang), and CC names none.")
-    return found, subprocess.run([found, "--version"], capture_output=True, text=True, check=False).stdout
-
-
-def _processor() -> str:
-    try:
-        with open("/proc/cpuinfo") as file:
-            return next((line for line in file if line.startswith(("flags", "Features"))), platform.processor())
-    except OSError:
-        return f"{platform.machine()} {platform.processor()}"
+    mathematics = ["-lmvec", "-lm"] if platform.machine() == "x86_64" and platform.system() == "Linux" else ["-lm"]
+    include = [f"-I{here}", f"-I{jax.ffi.include_dir()}"]
+    return library_of(f'{text}\n#include "ffi.h"\n', _FLAGS, mathematics, include, f"{headers}\0{jax.__version__}")
 
 
 define(in_lanes_p, _mapped, _shapes, _batch, _lower_on_cpu)

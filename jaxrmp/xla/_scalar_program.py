@@ -35,7 +35,12 @@ Number = np.generic
 
 
 class NotScalar(Exception):
-    """A function that is not worth taking apart into scalars, or cannot be; the message says why."""
+    """A function that is not worth taking apart into scalars, or cannot be; the message says why, `within` of which
+    equations, from inside out."""
+
+    def __init__(self, reason: str):
+        super().__init__(reason)
+        self.within: list[Any] = []
 
 
 class Operation(NamedTuple):

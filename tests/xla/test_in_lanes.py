@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from jaxrmp._linalg import cholesky
-from jaxrmp.xla import _lanes, in_lanes, report
-from jaxrmp.xla._c_program import c_program
+from jaxrmp.xla import _c_compiler, _lanes, in_lanes, report
+from jaxrmp.xla._c_lanes import c_program
 
 RNG = np.random.default_rng(0)
 COMPILER = pytest.mark.skipif(not shutil.which("cc"), reason="needs a C compiler")
@@ -162,7 +162,7 @@ def test_what_cannot_be_written_is_mapped_and_says_why(function, reason, caplog)
 @pytest.fixture
 def fresh(monkeypatch, tmp_path):
     """Nothing compiled yet, and programs kept in a folder of the test's own."""
-    caches = (_lanes._native_of, _lanes._compiler)
+    caches = (_lanes._native_of, _c_compiler.compiler_here)
     monkeypatch.setenv("JAXRMP_CACHE", str(tmp_path / "programs"))
     for cache in caches:
         cache.cache_clear()

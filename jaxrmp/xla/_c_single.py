@@ -1,0 +1,223 @@
+"""A function of one state as C that stands alone: C99 and its mathematical functions, nothing kept between calls.
+
+Of the same nodes as programs of several states, as numbers in place of vectors. Arguments and results are the fields of
+two structs; working memory is the function's own, of a size that is known.
+"""
+
+import functools
+import math
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from jax.extend.core import ClosedJaxpr
+
+from ._c_dot import LEAST, product
+from ._c_nodes import BITS, Node, sources_of, used_by
+from ._c_order import grouped, laid_out
+from ._c_program import taken_apart
+from ._c_repeated import without_repetition
+from ._c_text import Writer, c_type
+
+_LONGEST = 200  # characters of an expression that becomes part of another
+_CALLED = re.compile(r"\b(\w+_[rn])\(")
+
+
+class Field(NamedTuple):
+    """A field of a struct by its `name`: an array of some `shape` and `dtype`, row by row, and a `note` of what it is.
+
+    One without entries is left out of the struct.
+    """
+
+    name: str
+    shape: tuple[int, ...]
+    dtype: np.dtype
+    note: str = ""
+
+    @property
+    def size(self) -> int:
+        """How many entries it has."""
+        return math.prod(self.shape)
+
+
+class Single(NamedTuple):
+    """A C function: its `text`, with all that it needs but the structs, its working memory `stack`, in bytes, and how
+    many scalar `operations` it takes."""
+
+    text: str
+    stack: int
+    operations: int
+
+
+def struct(name: str, fields: Sequence[Field]) -> str:
+    """The struct `name` of these `fields`, in C, with their shapes and notes as comments."""
+    lines = ["typedef struct {"]
+    for field in fields:
+        if field.size:
+            size = f"[{field.size}]" if field.shape else ""
+            shape = f"[{', '.join(map(str, field.shape))}]" if len(field.shape) > 1 else ""
+            note = ", ".join(text for text in (shape, field.note) if text)
+            lines.append(f"    {c_type(field.dtype)} {field.name}{size};" + (f" /* {note} */" if note else ""))
+    return "\n".join([*lines, f"}} {name};"])
+
+
+def layout(fields: Sequence[Field]) -> np.dtype:
+    """How NumPy sees the struct of these `fields`."""
+    return np.dtype([(f.name, f.dtype, f.shape) for f in fields if f.size], align=True)
+
+
+def single_program(closed: ClosedJaxpr, name: str, inputs: Sequence[Field], outputs: Sequence[Field]) -> Single:
+    """A function as C: `void NAME(const NAME_in *in, NAME_out *out)`.
+
+    **Arguments**: `closed`, the function, and its `name`; `inputs` and `outputs`, a field for each of its arguments and
+    results.
+    **Raises** `NotScalar` for what it cannot say in C, as `taken_apart`.
+    """
+    program, dtypes, results, real = taken_apart(closed, [False] * len(inputs))
+    for s, source in enumerate(program.sources):  # constants are part of the text
+        if source.of >= len(inputs):
+            table = program.constants[source.of - len(inputs)]
+            program.sources[s] = source._replace(of=-1, table=table.reshape(-1))
+    return _Writer(program, real, inputs, outputs).function(name, dtypes, results)
+
+
+class _Writer(Writer):
+    """Writes all sources as numbers that are the same for all states, of which there is one."""
+
+    def __init__(self, program: Any, real: np.dtype, inputs: Sequence[Field], outputs: Sequence[Field]):
+        super().__init__(program, real)
+        self.inputs, self.outputs = inputs, outputs
+        self.large: dict[bytes, str] = {}  # constants that products read, by their numbers
+
+    def function(self, name: str, dtypes: Sequence[np.dtype], results: Sequence[tuple[np.ndarray, np.dtype]]) -> Single:
+        kept = {s for places, _ in results for s in sources_of(places)}
+        loads = [[Node(s, "load", None, (), ())] for s in sorted(kept.union(*map(used_by, self.nodes)))]
+        loads = [load for load in loads if self.is_converted(self.sources[load[0].out])]
+        groups = grouped(self.nodes)
+        size = {}
+        for kind in "fi":
+            offsets, size[kind] = laid_out(self.sources, [*loads, *groups], kept, kind)
+            self.offsets |= offsets
+        blocks = [self.load(load, dtypes) for load in loads]
+        inlined = self.used_at_once(groups) - kept
+        for group in groups:
+            lines = self.code(group)
+            if group[0].out in inlined and len(lines[0]) < _LONGEST:
+                self.local[group[0].out] = f"({lines[0].partition(' = ')[2].removesuffix(';')})"
+            else:
+                blocks.append(lines)
+        kinds = {f"s{s}": "R" if source.kind == "f" else "N" for s, source in enumerate(self.sources)}
+        kinds |= {line.split()[3].partition("[")[0]: line.split()[2] for line in self.table_lines if "static" in line}
+        functions, body = without_repetition(blocks, kinds)
+        for field, (places, _) in zip(self.outputs, results, strict=True):
+            body += self.stored(field, places)
+        width = self.real.itemsize
+        memory = [f"{kind} {w}[{size[k]}];" for k, kind, w in (("f", "R", "w"), ("i", "N", "n")) if size[k]]
+        kind, whole = ("float", "int32_t") if width == 4 else ("double", "int64_t")
+        text = "\n".join([*functions, *body])
+        lines = [
+            "#include <math.h>",
+            "#include <stdint.h>",
+            "",
+            f"typedef {kind} R;",
+            f"typedef {whole} N;",
+            f"#define F(name) name{'##f' if width == 4 else ''}",
+            f"#define LAST INT{8 * width}_MAX",
+            "",
+            *_functions(text, width == 4),
+            "",
+            *self.table_lines,
+            "",
+            *functions,
+            "",
+            f"void {name}(const {name}_in *in, {name}_out *out) {{",
+            *(f"    {line}" for line in memory),
+            *([] if "in->" in text else ["    (void)in;"]),
+            *(f"    {line}" for line in body),
+            "}",
+            "",
+        ]
+        operations = sum(math.prod(n.shape) for n in self.nodes)
+        return Single("\n".join(lines), (size["f"] + size["i"]) * width, operations)
+
+    def used_at_once(self, groups: Sequence[Sequence[Node]]) -> set[int]:
+        """Single values that one other is made of, before anything else is written to memory, and nothing else."""
+        used: dict[int, list[int]] = {}
+        where, run = {}, 0
+        for group in groups:
+            node = group[0]
+            run += bool(node.shape) or node.op == "copy"
+            where[node.out] = run if not node.shape and node.op != "copy" else -1
+            for each in group:
+                for place in (int(p) >> BITS for places in each.places for p in np.atleast_1d(places).flat if p >= 0):
+                    used.setdefault(place, []).append(each.out)
+        return {
+            s
+            for s, users in used.items()
+            if len(users) == 1 and where.get(s, -1) >= 0 and where.get(users[0], -2) == where[s]
+        }
+
+    def is_converted(self, source: Any) -> bool:
+        """Whether an argument is of another type than what the program computes with."""
+        kind = self.real if source.kind == "f" else self.program.whole_number
+        return source.of >= 0 and self.inputs[source.of].dtype != kind
+
+    def argument(self, source: Any, index: str) -> str:
+        field = self.inputs[source.of]
+        return f"in->{field.name}[{index}]" if field.shape else f"in->{field.name}"
+
+    def at(self, source, index):
+        found = self.sources[source]
+        if source in self.local or found.single or found.table is not None:
+            return super().at(source, index)
+        if source not in self.offsets:
+            return self.argument(found, index)
+        offset = self.offsets[source]
+        place = f"{offset} + {index}" if index != "0" else str(offset)
+        return f"{'w' if found.kind == 'f' else 'n'}[{place}]"
+
+    def dot(self, node):
+        if max(node.shape[1], node.shape[3]) < LEAST or self.sources[node.out].kind != "f":
+            return super().dot(node)
+        return product(node, self, functools.partial(self.at, node.out))
+
+    def load(self, group, dtypes):
+        s = group[0].out
+        source = self.sources[s]
+        value = self.argument(source, "e")
+        value = f"-({value} != 0)" if dtypes[source.of].kind == "b" else f"(N){value}"
+        return [f"for (int e = 0; e < {source.size}; e++) {self.at(s, 'e')} = {value};"]
+
+    def stored(self, field: Field, places: np.ndarray) -> list[str]:
+        """A result, in its field."""
+        flat = places.reshape(-1)
+        truth = " != 0" if field.dtype.kind == "b" else ""
+        if flat.size > 4 and len(sources_of(flat)) == 1 and (flat >= 0).all():
+            value = self.reader(flat, [flat.size], False)(["e"])
+            return [f"for (int e = 0; e < {flat.size}; e++) out->{field.name}[e] = {value}{truth};"]
+        values = [self.reader(place, [], False)(["0"]) for place in flat]
+        index = [f"[{e}]" if field.shape else "" for e in range(flat.size)]
+        return [f"out->{field.name}{i} = {value}{truth};" for i, value in zip(index, values, strict=True)]
+
+
+def _functions(text: str, single: bool) -> list[str]:
+    """The definitions of the functions that a text calls, in `single` precision or double."""
+    known = {name: each for name, each in _definitions().items() if single or "(float a)" not in each}
+    called = set(_CALLED.findall(text))
+    called |= {name for each in called & known.keys() for name in _CALLED.findall(known[each])}
+    own = [each.replace("float a", "R a") for name, each in known.items() if name in called]
+    for name in sorted(called - known.keys()):
+        two = name in ("atan2_r", "pow_r")
+        arguments, values = ("R a, R b", "a, b") if two else ("R a", "a")
+        own.append(f"static inline R {name}({arguments}) {{ return F({name[:-2]})({values}); }}")
+    return own
+
+
+@functools.cache
+def _definitions() -> dict[str, str]:
+    """The functions of `scalars.h`, by name."""
+    text = Path(__file__).with_name("scalars.h").read_text()
+    found = re.findall(r"^static inline .*?}$", text, re.DOTALL | re.MULTILINE)
+    return {_CALLED.findall(each)[0]: each for each in found}
