@@ -71,8 +71,8 @@ def layout(fields: Sequence[Field]) -> np.dtype:
 def single_program(closed: ClosedJaxpr, name: str, inputs: Sequence[Field], outputs: Sequence[Field]) -> Single:
     """A function as C: `void NAME(const NAME_in *in, NAME_out *out)`.
 
-    **Arguments**: `closed`, the function, and its `name`; `inputs` and `outputs`, a field for each of its arguments and
-    results.
+    **Arguments**: `closed`, the function, and its `name`; `inputs` and `outputs`, a field for each of its
+    arguments and results.
     **Raises** `NotScalar` for what it cannot say in C, as `taken_apart`.
     """
     program, dtypes, results, real = taken_apart(closed, [False] * len(inputs))

@@ -33,8 +33,21 @@ static inline R exp_r(float a) {
     return a != a ? a : y;
 }
 static inline R tanh_r(float a) {
-    R z = a * a, far = 1.0f - 2.0f / (exp_r(2.0f * F(fabs)(a)) + 1.0f), y = -5.70498872745e-3f;
+    R z = a * a, x = 2.0f * F(fabs)(a), r, y = -5.70498872745e-3f, e = 1.9875691500e-4f;
+    union { N bits; R number; } p, q;
+    N k;
+    p.number = x, q.number = 40.0f, k = -(x < 40.0f); /* chosen by bits: compilers would make branches of these */
+    p.bits = (p.bits & k) | (q.bits & ~k);
+    x = p.number;
+    k = (N)(x * 1.44269504f + 0.5f);
+    r = (x - (R)k * 0.693359375f) + (R)k * 2.12194440e-4f;
+    e = (((e * r + 1.3981999507e-3f) * r + 8.3334519073e-3f) * r + 4.1665795894e-2f) * r + 1.6666665459e-1f;
+    p.bits = (k + 127) << 23;
+    e = ((e * r + 5.0000001201e-1f) * (r * r) + r + 1.0f) * p.number;
     y = (((y * z + 2.06390887954e-2f) * z - 5.37397155531e-2f) * z + 1.33314422036e-1f) * z - 3.33332819422e-1f;
-    y = y * z * a + a;
-    return F(fabs)(a) < 0.625f ? y : a < 0 ? -far : far;
+    p.number = y * z * a + a;
+    q.number = F(copysign)(1.0f - 2.0f / (e + 1.0f), a);
+    k = -(F(fabs)(a) >= 0.625f); /* not so for what is no number, and then the first is none, too */
+    p.bits = (p.bits & ~k) | (q.bits & k);
+    return p.number;
 }
