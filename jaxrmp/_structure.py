@@ -51,7 +51,7 @@ def _written(value: Any) -> Any:
         )
     return {
         "of": f"{type(value).__module__}:{type(value).__qualname__}",
-        **{n: _written(getattr(value, n)) for n in names},
+        "fields": {n: _written(getattr(value, n)) for n in names},
     }
 
 
@@ -64,10 +64,10 @@ def _read(content: Any) -> Any:
         return [_read(v) for v in content["list"]]
     if "mapping" in content:
         return {_read(k): _read(v) for k, v in content["mapping"]}
-    kind = _class(content.pop("of"))
-    if set(content) != set(_fields(kind)):
-        raise ConfigurationError(f"{kind.__name__} has {sorted(_fields(kind))}, but the file {sorted(content)}.")
-    values = {name: _read(v) for name, v in content.items()}
+    kind, given = _class(content["of"]), content["fields"]
+    if set(given) != set(_fields(kind)):
+        raise ConfigurationError(f"{kind.__name__} has {sorted(_fields(kind))}, but the file {sorted(given)}.")
+    values = {name: _read(v) for name, v in given.items()}
     if issubclass(kind, tuple):
         return kind(**values)
     made = object.__new__(kind)  # what was checked about a user's arguments holds

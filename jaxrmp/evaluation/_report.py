@@ -67,7 +67,7 @@ def report(evaluation: Evaluation, skill: Skill, problem: Problem, *, stationary
 
 def stability(evaluation: Evaluation, skill: Skill, problem: Problem, *, stationary: bool = True) -> dict[str, Any]:
     """Metrics, Hessians, stationary points and the certificate; see `report`. Of a flow, one row, for the hand."""
-    if skill.learned is None:  # its one stationary point is the goal, by construction: there is nothing to look for
+    if skill.learned is None:  # by construction it rests at the goal alone, and a turn at half turns
         configurations = np.concatenate([evaluation.starts, evaluation.outcomes.q])[:8192]
         found = flow_metrics(skill, _robot_of(problem), configurations)
         return {"subtasks": [{"name": skill.parts[0], **found}], "certificate": _certificate(evaluation)}

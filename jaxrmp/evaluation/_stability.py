@@ -47,13 +47,18 @@ def flow_metrics(skill: Skill, robot: Robot, q: np.ndarray) -> dict[str, Any]:
     """As `learned_metrics` and `goal_hessians` have them, of the hand of a `skill` learned by a flow.
 
     The metric is `w J^T J`, with J of the flow, at the places of the hand in configurations `q` [N, n] of the `robot`;
-    at the goal the potential is at least in all directions, whatever the flow is.
+    of a turn alone those up to 130 degrees from the goal, beyond which the flow fades out, or the goal, if none is. At
+    the goal the potential is at least in all directions, whatever the flow is.
     """
     motion = skill.flow
     if motion is None:
         raise ConfigurationError("the skill was not learned by a flow.")
     places = motion.task_map(robot, skill.frames, skill.T_world_object, None)
     x = np.asarray(jax.jit(jax.vmap(places))(jnp.asarray(q, jnp.float32)))
+    if motion.of_turn:
+        beyond = motion.beyond(robot, skill.frames, skill.T_world_object)
+        near = np.asarray(jax.jit(jax.vmap(beyond))(jnp.asarray(q, jnp.float32)))[:, 0] == 0
+        x = x[near] if near.any() else np.zeros_like(x[:1])
     eigenvalues = float(motion.attractor.weight) * stretches(motion.flow, x) ** 2
     goal = stretches(motion.flow, np.zeros_like(x[:1]))[0] ** 2 * float(motion.attractor.speed)
     return {

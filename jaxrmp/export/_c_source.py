@@ -7,15 +7,12 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
-import numpy as np
 
 from .._errors import ExportError
 from .._files import atomic_write
 from .._version import __version__
 from ..xla import Field, NotScalar, Single, layout, machinery, single_program, struct
-from ._fields import argument_names, fields, identifier
-
-_MOST_STACK = 1 << 20  # bytes
+from ._fields import argument_names, comment, fields, function_identifier, shape_of
 
 
 class CSource(NamedTuple):
@@ -64,7 +61,8 @@ def c(
 
     `void NAME(const NAME_in *in, NAME_out *out)` computes what `function` gives. It allocates nothing, keeps nothing
     between calls, and every loop in it has a fixed number of steps: so any number of threads may call it, and a call
-    takes about the same time whatever the state. All that is no argument is a constant of the file.
+    takes about the same time whatever the state. All that is no argument is a constant of the file. Arguments have to
+    be finite: products with constant zeros are left out, and with them what is not a number.
 
     **Arguments**: `function`, of pytrees of arrays; `examples`, its arguments: their values do not matter,
     and `jax.ShapeDtypeStruct` will do. Numbers are `float`, or `double` if the examples are so and `jax_enable_x64` is
@@ -85,11 +83,11 @@ def c(
     >>> [field.name for field in found.inputs], "float q[2]; /* rad */" in found.header
     (['rest', 'q', 'qd'], True)
     """
-    name, units = identifier(name), units or {}
+    name, units = function_identifier(name), units or {}
     with machinery(True):
         closed, shape = jax.make_jaxpr(function, return_shape=True)(*examples)
     called = dict(zip(argument_names(function, len(examples), names), examples, strict=False))
-    inputs = fields({given: jax.tree.map(_shaped, example) for given, example in called.items()}, units)
+    inputs = fields({given: jax.tree.map(shape_of, example) for given, example in called.items()}, units)
     outputs = fields({"result" if isinstance(shape, jax.ShapeDtypeStruct) else "": shape}, units)
     for fields_of, what in ((inputs, "takes"), (outputs, "gives")):
         if not any(field.size for field in fields_of):
@@ -97,30 +95,22 @@ def c(
     program = _program(closed, name, inputs, outputs)
     structs = f"{struct(f'{name}_in', inputs)}\n\n{struct(f'{name}_out', outputs)}"
     fingerprint = hashlib.sha256(f"{structs}\n{program.text}".encode()).hexdigest()[:16]
-    about = f"{about}\n   " if about else ""
+    about = f"{comment(about)}\n   " if about else ""
     head = f"/* {about}Written by jaxrmp {__version__}. Fingerprint {fingerprint}. */"
     source = f'{head}\n\n#include "{name}.h"\n{program.text}'
     header = _header(name, inputs, outputs, fingerprint, program, about)
     return CSource(name, source, header, inputs, outputs, fingerprint, program.stack, program.operations)
 
 
-def _shaped(example: Any) -> jax.ShapeDtypeStruct:
-    dtype = getattr(example, "dtype", None) or np.asarray(example).dtype
-    return jax.ShapeDtypeStruct(np.shape(example), jax.dtypes.canonicalize_dtype(dtype))
-
-
 def _program(closed: Any, name: str, inputs: Sequence[Field], outputs: Sequence[Field]) -> Single:
     try:
-        found = single_program(closed, name, inputs, outputs)
+        return single_program(closed, name, inputs, outputs)
     except NotScalar as error:
         place = _place(error)
         raise ExportError(
             f"{name} cannot be written in C: it {error}{f', in {place}' if place else ''}. C is written of arithmetic, "
             "sums, products, choices by `where`, and entries taken by indices that are known beforehand."
         ) from error
-    if found.stack > _MOST_STACK:
-        raise ExportError(f"{name} takes {found.stack:,} bytes of working memory, more than {_MOST_STACK:,}.")
-    return found
 
 
 def _place(error: NotScalar) -> str:

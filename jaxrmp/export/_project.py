@@ -6,10 +6,14 @@ from typing import Any
 
 import numpy as np
 
+from .._errors import ConfigurationError
 from ..xla import Field
 from ._c_source import CSource, write_text
 
+_BESIDE = ("CMakeLists.txt", "main.c", "example.cpp")
+
 _CMAKE = """\
+# Written by jaxrmp.
 cmake_minimum_required(VERSION 3.10)
 project({name} C CXX)
 
@@ -34,7 +38,7 @@ target_link_libraries({name}_example {name})
 """
 
 _MAIN = """\
-/* Runs {name} at 1 kHz from {start}, with joints that do what they are told: where it comes to rest,
+/* Written by jaxrmp. Runs {name} at 1 kHz from {start}, with joints that do what they are told: where it comes to rest,
    and what a call takes. */
 
 #include <stdio.h>
@@ -54,15 +58,17 @@ int main(void) {{
     double q[JOINTS], qd[JOINTS] = {{0}}, fastest = 1;
     {name}_out out;
     long steps = 0;
+    int finite = 1;
     for (int i = 0; i < JOINTS; i++) q[i] = in.q[i];
     clock_t start = clock();
-    for (; steps < LONGEST && (steps < 100 || fastest > at_rest); steps++) {{
+    for (; finite && steps < LONGEST && (steps < 100 || fastest > at_rest); steps++) {{
         {name}(&in, &out);
         fastest = 0;
         for (int i = 0; i < JOINTS; i++) {{
             qd[i] += dt * out.qdd[i];
             q[i] += dt * qd[i];
             fastest = qd[i] > fastest ? qd[i] : -qd[i] > fastest ? -qd[i] : fastest;
+            if (qd[i] != qd[i]) finite = 0;
             in.q[i] = q[i];
             in.qd[i] = qd[i];
         }}
@@ -72,12 +78,13 @@ int main(void) {{
     for (int i = 0; i < JOINTS; i++) printf(" %.6f", q[i]);
     printf("\\nfastest joint %.1e per second\\n", fastest);
 {more}    printf("%.2f us a call\\n", seconds / steps * 1e6);
-    return fastest <= at_rest ? 0 : 1;
+    if (!finite) puts("stopped: the policy gave what is not a number");
+    return finite && fastest <= at_rest ? 0 : 1;
 }}
 """
 
 _EXAMPLE = """\
-// One cycle of a controller in C++: what is measured goes in, the acceleration to command comes out.
+// Written by jaxrmp. One cycle of a controller in C++: what is measured goes in, the acceleration to command comes out.
 
 #include <algorithm>
 #include <cstdio>
@@ -102,8 +109,14 @@ def write_project(found: CSource, at: dict[str, Any], start: str, folder: str | 
 
     **Arguments**: `found`, with the inputs `q` and `qd` and the output `qdd`; `at`, values of its inputs, by the names
     of their fields, zero by default; `start`, what they are, in words; `folder`, made if it is not there.
-    **Returns** the files. **Raises** `OSError`.
+    **Returns** the files. **Raises** `OSError`, and `ConfigurationError`, before it writes, where one of the last three
+    is there and not of jaxrmp.
     """
+    for file in (Path(folder) / name for name in _BESIDE):
+        if file.exists() and "Written by jaxrmp." not in file.read_text(errors="replace").partition("\n")[0]:
+            raise ConfigurationError(
+                f"{file} is there and was not written by jaxrmp: name another folder, or move it away."
+            )
     given = {f.name: np.asarray(at[f.name], f.dtype).reshape(-1) for f in found.inputs if f.name in at and f.size}
     q = next(f for f in found.inputs if f.name == "q")
     numbers = {name: ", ".join(map(_number, values)) for name, values in given.items()}

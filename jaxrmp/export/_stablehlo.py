@@ -8,11 +8,11 @@ from typing import Any
 
 import jax
 import jax.export
-import numpy as np
 
 from .._errors import ConfigurationError, UnknownNameError, importing
 from .._files import atomic_write
 from ..xla import machinery
+from ._fields import shape_of
 
 PLATFORMS = ("cpu", "cuda", "rocm", "tpu")
 _WITH_PYTREES = ("learning", "policies", "simulation")  # parts whose pytrees programs take, beside those always there
@@ -42,7 +42,7 @@ def stablehlo(function: Callable[..., Any], *examples: Any, platforms: Sequence[
     _require_flatbuffers()
     for platform in platforms:
         UnknownNameError.check("platform", platform, PLATFORMS)
-    shapes = jax.tree.map(_shape_of, examples)
+    shapes = jax.tree.map(shape_of, examples)
     with machinery(False):
         exported = jax.export.export(jax.jit(function), platforms=tuple(platforms))(*shapes)
     try:
@@ -91,9 +91,3 @@ def load_stablehlo(source: str | os.PathLike | bytes) -> Callable[..., Any]:
 def _require_flatbuffers() -> None:
     with importing("flatbuffers", "export"):
         import flatbuffers  # noqa: F401  # type: ignore[import-not-found]
-
-
-def _shape_of(example: Any) -> jax.ShapeDtypeStruct:
-    """Shape and type of an argument, in JAX's precision."""
-    dtype = getattr(example, "dtype", None) or np.asarray(example).dtype
-    return jax.ShapeDtypeStruct(np.shape(example), jax.dtypes.canonicalize_dtype(dtype))

@@ -78,6 +78,10 @@ class HandFlow:
         turn = stack(compose(HandTurn(targets), self.flow), BeyondTurn(targets))
         return pullback(compose(self._points(robot, frames, T, targets), turn), self.attractor)
 
+    def beyond(self, robot: Robot, frames: tuple[str, ...], T: jax.Array) -> TaskMap:
+        """From joint positions [n] to how far a turn is beyond what the flow knows in full [1]: 0 up to 130 degrees."""
+        return compose(self._points(robot, frames, T, self.targets), BeyondTurn(self.targets))
+
     def _points(self, robot: Robot, frames: tuple[str, ...], T: jax.Array, targets: jax.Array) -> TaskMap:
         """From joint positions to its points, stacked, the `targets` at zero."""
         frames = frames[:1] * len(self.offsets) if self.turned else frames
@@ -194,8 +198,13 @@ def _highest(flow: Flow, circumradius: float, taper: float) -> float:
     axes = np.random.default_rng(0).normal(size=(_AXES, 3))
     axes = axes / np.linalg.norm(axes, axis=1, keepdims=True)
     turns = axes[:, None] * turn_lengths(circumradius, np.linspace(*_FADING, 15))[:, None]
-    y = np.asarray(jax.jit(jax.vmap(flow))(jnp.asarray(turns.reshape(-1, 3), jnp.float32)), float)
+    y = np.asarray(_behind(single(flow), jnp.asarray(turns.reshape(-1, 3), jnp.float32)), float)
     return float(_well(np.linalg.norm(y, axis=1), taper).max())
+
+
+@quickly
+def _behind(flow: Flow, x: jax.Array) -> jax.Array:
+    return jax.vmap(flow)(x)
 
 
 def _well(distance: np.ndarray, taper: float) -> np.ndarray:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 _WHERE = re.compile(
-    r"\b(?P<memory>[wn])\[(?P<offset>\d+)(?: \+ (?=[^\]]))?(?P<end>\])?|\b(?P<table>t\d+)\b|\b(?P<value>s\d+)\b"
+    r"\b(?P<memory>[wm])\[(?P<offset>\d+)(?: \+ (?=[^\]]))?(?P<end>\])?|\b(?P<table>t\d+)\b|\b(?P<value>s\d+)\b"
 )
 _OWN = re.compile(r"\b[RN] (s\d+) =")
 _MOST = 12  # arguments

@@ -20,7 +20,9 @@ from ._c_order import grouped, laid_out
 from ._c_program import taken_apart
 from ._c_repeated import without_repetition
 from ._c_text import Writer, c_type
+from ._scalar_program import NotScalar
 
+_MOST_STACK = 1 << 20  # bytes
 _LONGEST = 200  # characters of an expression that becomes part of another
 _CALLED = re.compile(r"\b(\w+_[rn])\(")
 
@@ -73,7 +75,7 @@ def single_program(closed: ClosedJaxpr, name: str, inputs: Sequence[Field], outp
 
     **Arguments**: `closed`, the function, and its `name`; `inputs` and `outputs`, a field for each of its
     arguments and results.
-    **Raises** `NotScalar` for what it cannot say in C, as `taken_apart`.
+    **Raises** `NotScalar` for what it cannot say in C, as `taken_apart`, and what takes more than 1 MiB of memory.
     """
     program, dtypes, results, real = taken_apart(closed, [False] * len(inputs))
     for s, source in enumerate(program.sources):  # constants are part of the text
@@ -114,7 +116,7 @@ class _Writer(Writer):
         for field, (places, _) in zip(self.outputs, results, strict=True):
             body += self.stored(field, places)
         width = self.real.itemsize
-        memory = [f"{kind} {w}[{size[k]}];" for k, kind, w in (("f", "R", "w"), ("i", "N", "n")) if size[k]]
+        memory = [f"{kind} {w}[{size[k]}];" for k, kind, w in (("f", "R", "w"), ("i", "N", "m")) if size[k]]
         kind, whole = ("float", "int32_t") if width == 4 else ("double", "int64_t")
         text = "\n".join([*functions, *body])
         lines = [
@@ -140,7 +142,9 @@ class _Writer(Writer):
             "",
         ]
         operations = sum(math.prod(n.shape) for n in self.nodes)
-        return Single("\n".join(lines), (size["f"] + size["i"]) * width, operations)
+        if (stack := (size["f"] + size["i"]) * width) > _MOST_STACK:
+            raise NotScalar(f"takes {stack:,} bytes of working memory, more than {_MOST_STACK:,}")
+        return Single("\n".join(lines), stack, operations)
 
     def used_at_once(self, groups: Sequence[Sequence[Node]]) -> set[int]:
         """Single values that one other is made of, before anything else is written to memory, and nothing else."""
@@ -176,7 +180,7 @@ class _Writer(Writer):
             return self.argument(found, index)
         offset = self.offsets[source]
         place = f"{offset} + {index}" if index != "0" else str(offset)
-        return f"{'w' if found.kind == 'f' else 'n'}[{place}]"
+        return f"{'w' if found.kind == 'f' else 'm'}[{place}]"
 
     def dot(self, node):
         if max(node.shape[1], node.shape[3]) < LEAST or self.sources[node.out].kind != "f":

@@ -15,6 +15,7 @@ import numpy as np
 from jax.experimental.xla_metadata import set_xla_metadata
 
 from .._errors import ShapeError, UnknownNameError
+from ._arguments import fitting
 from ._compiled_in_c import CompiledInC
 from ._plan import logger
 from ._switch import is_on, one_kernel
@@ -76,14 +77,7 @@ class Compiled:
                     on_device.append(leaf)
                     continue
                 shape, dtype, place = slot
-                if type(leaf) is not np.ndarray or leaf.dtype is not dtype or leaf.shape != shape:
-                    leaf = np.asarray(leaf)
-                    if leaf.shape != shape or not np.can_cast(leaf.dtype, dtype, "same_kind"):
-                        raise ShapeError(
-                            f"an argument has shape {leaf.shape} and type {leaf.dtype}; this was compiled for {shape} "
-                            f"and {dtype}."
-                        )
-                place[...] = leaf
+                place[...] = fitting(leaf, shape, dtype)
             found = self._program(*self._buffers, *on_device)
             # Waits for the result: only then may the next arguments be written over these.
             return np.asarray(found) if isinstance(found, jax.Array) else jax.tree.map(np.asarray, found)

@@ -10,6 +10,7 @@ import jax
 import numpy as np
 
 from .._errors import ExportError, ShapeError
+from ._arguments import fitting
 from ._c_compiler import library_of
 from ._c_single import Field, layout, single_program, struct
 from ._scalar_program import NotScalar
@@ -57,14 +58,7 @@ class CompiledInC:
             raise ShapeError(f"the arguments are {structure}; this was compiled for {self._structure}.")
         with self._turn:
             for leaf, (shape, dtype, place) in zip(leaves, self._slots, strict=True):
-                if type(leaf) is not np.ndarray or leaf.dtype is not dtype or leaf.shape != shape:
-                    leaf = np.asarray(leaf)
-                    if leaf.shape != shape or not np.can_cast(leaf.dtype, dtype, "same_kind"):
-                        raise ShapeError(
-                            f"an argument has shape {leaf.shape} and type {leaf.dtype}; this was compiled for {shape} "
-                            f"and {dtype}."
-                        )
-                place[...] = leaf
+                place[...] = fitting(leaf, shape, dtype)
             self._function(*self._memory)
             found = [value.copy() for value in self._values]
         return found[0] if self._single else jax.tree.unflatten(self._results, found)

@@ -154,10 +154,39 @@ def test_names_that_do_not_fit():
     q = np.zeros(3, np.float32)
     with pytest.raises(jaxrmp.ConfigurationError, match="names is .'q',., expected one for each of 2 examples"):
         export.c(lambda q, qd: q + qd, q, q, names=["q"])
+    with pytest.raises(jaxrmp.ConfigurationError, match="expected each once"):
+        export.c(lambda q, qd: q + qd, q, q, names=["q", "q"])
     with pytest.raises(jaxrmp.ConfigurationError, match="two arrays are called 'a_b_c'"):
         export.c(lambda a: a["b"]["c"] + a["b_c"], {"b": {"c": q}, "b_c": q})
     found = export.c(lambda a: a * 2, q, names=["double"], name="my policy")
     assert found.name == "my_policy" and found.inputs[0].name == "double_"
+
+
+@needs_compiler
+@pytest.mark.parametrize("name", ["sin", "floor", "main", "R", "LAST", "rounded_"])
+def test_names_that_c_has_already_are_changed(name, tmp_path):
+    q = np.linspace(-1, 1, 3).astype(np.float32)
+    found = export.c(
+        lambda a: jnp.sin(a) + jnp.floor(a), q, names=["NAN"], name=name, units={"NAN": "*/ m"}, about="*/"
+    )
+    assert apart(compiled_c(found, tmp_path)(q[None]), [np.sin(q[None]) + np.floor(q[None])]) < 1e-6
+
+
+@needs_compiler
+def test_products_of_whole_numbers(tmp_path):
+    def function(x):
+        i = (x > 0).astype(jnp.int32).reshape(20, 20)
+        return i @ i
+
+    x = RNG.normal(size=(5, 400)).astype(np.float32)
+    found = export.c(function, x[0])
+    np.testing.assert_array_equal(compiled_c(found, tmp_path)(x)[0], jax.vmap(function)(x))
+
+
+def test_more_memory_than_a_stack_has_is_refused():
+    x = np.zeros(1_000_000, np.float32)
+    with pytest.raises(jaxrmp.ExportError, match="bytes of working memory, more than 1,048,576"):
+        export.c(lambda x: jnp.max(jnp.sin(x)) * jnp.sin(x[::-1]), x)
 
 
 def test_the_fingerprint_tells_apart_what_computes_something_else():

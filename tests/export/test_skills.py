@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxrmp import acceleration, certificate
+from jaxrmp import acceleration, certificate, export
 from jaxrmp.cli import main
 from jaxrmp.cli._export import skill_in_c
 from jaxrmp.kinematics import panda
@@ -99,3 +99,21 @@ def test_what_the_command_refuses(skills, tmp_path, capsys):
     assert "--obstacles is -1, expected 0 or more" in capsys.readouterr().err
     assert main([*command, "--demos", str(tmp_path / "nowhere"), "--quiet"]) == 1
     assert not (tmp_path / "c").exists()
+    assert main(command[:2]) == 1
+    assert "--c DIR, --stablehlo FILE, or both" in capsys.readouterr().err
+    (tmp_path / "c").mkdir()
+    (tmp_path / "c" / "CMakeLists.txt").write_text("project(mine)")
+    assert main([*command, "--demos", "synthetic:drawer_closing", "--quiet"]) == 1
+    assert "CMakeLists.txt is there and was not written by jaxrmp" in capsys.readouterr().err
+    assert [f.name for f in (tmp_path / "c").iterdir()] == ["CMakeLists.txt"]
+
+
+@needs_compiler
+def test_the_program_says_when_the_policy_gives_no_number(tmp_path):
+    q = np.ones(2, np.float32)
+    found = export.c(lambda q, qd: {"qdd": jnp.sqrt(-1 - q * q) + qd}, q, q, name="rootless")
+    export.write_project(found, {"q": q}, "nowhere", tmp_path)
+    command = ["gcc", *STRICT.split(), "-O2", str(tmp_path / "rootless.c"), str(tmp_path / "main.c"), "-lm"]
+    subprocess.run([*command, "-o", str(tmp_path / "main")], check=True)
+    ran = subprocess.run([str(tmp_path / "main")], capture_output=True, text=True, check=False)
+    assert ran.returncode == 1 and "not a number" in ran.stdout

@@ -142,9 +142,9 @@ def test_what_cannot_be_written_or_read_is_an_error(tmp_path):
         with pytest.raises(ConfigurationError, match="the content is no program"):
             load_stablehlo(odd)
     with pytest.raises(ConfigurationError, match="os:path is no class that is there"):
-        structure_from_bytes(b'{"of": "os:path"}')
+        structure_from_bytes(b'{"of": "os:path", "fields": {}}')
     with pytest.raises(ConfigurationError, match=r"Body has .*parent.*, but the file \['name'\]"):
-        structure_from_bytes(b'{"of": "jaxrmp.kinematics._robot:Body", "name": "hand"}')
+        structure_from_bytes(b'{"of": "jaxrmp.kinematics._robot:Body", "fields": {"name": "hand"}}')
 
 
 def test_a_class_may_be_defined_again():

@@ -78,3 +78,8 @@ def test_it_says_what_it_cannot_do(monkeypatch):
     with pytest.raises(jaxrmp.ExportError, match="there is no C compiler"):
         compiled(lambda q: q * 2.5, Q[0], backend="c")
     _c_compiler.compiler_here.cache_clear()
+
+
+def test_what_a_stack_does_not_hold_is_refused():
+    with pytest.raises(jaxrmp.ExportError, match="bytes of working memory"):
+        compiled(lambda x: jnp.max(jnp.sin(x)) * jnp.sin(x[::-1]), np.zeros(1_000_000, np.float32), backend="c")
