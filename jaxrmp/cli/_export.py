@@ -39,7 +39,9 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
         raise ConfigurationError(f"--obstacles is {arguments.obstacles}, expected 0 or more.")
     skill, robot = skill_and_robot(arguments.skill, arguments.robot)
     if arguments.stablehlo:
-        print(f"wrote {write_skill_stablehlo(skill, robot, arguments.stablehlo)}: qdd of q, qd and T_world_object")
+        file = write_skill_stablehlo(skill, robot, arguments.stablehlo)
+        print(f"wrote {file}: call(q, qd, T_world_object) gives qdd; the object was learned with at")
+        print(np.array2string(np.asarray(skill.T_world_object), separator=", ", precision=6, suppress_small=True))
     if arguments.c:
         _write_c(arguments, skill, robot)
 
@@ -86,7 +88,10 @@ def skill_in_c(
         slots = of_precision(Spheres.of([], capacity=obstacles) if obstacles else None, np.asarray)
         name, about = skill.configuration.name, f"The skill {skill.configuration.name} on {robot.name}"
         about += f", kinematics {robot.fingerprint}."
-        return export.c(whole, q, q, T, slots, name=name, units=_UNITS, about=about)
+        units = dict(_UNITS)
+        if not skill.configuration.object:
+            units["T_world_object"] = "m; nothing is tracked: always as in main.c, where the demonstrations end"
+        return export.c(whole, q, q, T, slots, name=name, units=units, about=about)
 
 
 def _start(skill: Skill, robot: Robot, named: str | None) -> tuple[np.ndarray, np.ndarray, str]:

@@ -76,6 +76,7 @@ def c(
     `ConfigurationError` for names that are too few, or the same.
 
     >>> import jaxrmp
+    >>> import numpy as np
     >>> from jaxrmp.leaves import Posture
     >>> q = np.zeros(2, np.float32)
     >>> policy = lambda rest, q, qd: jaxrmp.acceleration(Posture(rest, stiffness=4.0), q, qd)
@@ -106,11 +107,20 @@ def _program(closed: Any, name: str, inputs: Sequence[Field], outputs: Sequence[
     try:
         return single_program(closed, name, inputs, outputs)
     except NotScalar as error:
-        place = _place(error)
-        raise ExportError(
-            f"{name} cannot be written in C: it {error}{f', in {place}' if place else ''}. C is written of arithmetic, "
-            "sums, products, choices by `where`, and entries taken by indices that are known beforehand."
-        ) from error
+        raise ExportError(f"{name} cannot be written in C: {_says(error, _place(error))}") from error
+
+
+def _says(error: NotScalar, place: str) -> str:
+    """An error as what a function does, where, and what would help."""
+    text = str(error)
+    does = text if text.startswith(("holds", "takes")) else f"takes {text}" if "operations" in text else f"holds {text}"
+    advice = (
+        "Give it fewer obstacles or spheres, or leave out the certificate."
+        if text.startswith("takes") or "operations" in text
+        else "C is written of arithmetic, sums, products, choices by `where`, and entries taken by indices that are "
+        "known beforehand."
+    )
+    return f"it {does}{f', in {place}' if place else ''}. {advice}"
 
 
 def _place(error: NotScalar) -> str:

@@ -33,6 +33,7 @@ def stablehlo(function: Callable[..., Any], *examples: Any, platforms: Sequence[
     another platform, `MissingDependencyError` where flatbuffers is not installed.
 
     >>> import jaxrmp
+    >>> import numpy as np
     >>> from jaxrmp.leaves import Posture
     >>> q = np.zeros(2, np.float32)
     >>> content = stablehlo(lambda q, qd: jaxrmp.acceleration(Posture(0 * q, stiffness=4.0), q, qd), q, q)
