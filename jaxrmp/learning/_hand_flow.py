@@ -79,7 +79,8 @@ class HandFlow:
         return pullback(compose(self._points(robot, frames, T, targets), turn), self.attractor)
 
     def beyond(self, robot: Robot, frames: tuple[str, ...], T: jax.Array) -> TaskMap:
-        """From joint positions [n] to how far a turn is beyond what the flow knows in full [1]: 0 up to 130 degrees."""
+        """From joint positions [n] to how far a turn is beyond what the flow knows in full [1]: 0 up to 130 degrees;
+        `robot`, `frames` and `T` as in `task_map`."""
         return compose(self._points(robot, frames, T, self.targets), BeyondTurn(self.targets))
 
     def _points(self, robot: Robot, frames: tuple[str, ...], T: jax.Array, targets: jax.Array) -> TaskMap:

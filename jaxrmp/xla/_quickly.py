@@ -6,7 +6,8 @@ from typing import Any, TypeVar, cast
 
 import jax
 
-WITHOUT_OPTIMISING, WITHOUT_EMITTERS = {"xla_backend_optimization_level": 0}, {"xla_cpu_use_fusion_emitters": False}
+WITHOUT_OPTIMISING = {"xla_backend_optimization_level": 0}
+WITHOUT_EMITTERS = {"xla_cpu_use_fusion_emitters": False}
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
