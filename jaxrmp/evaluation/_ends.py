@@ -1,6 +1,5 @@
 """What kind of end each rollout came to."""
 
-from collections.abc import Callable
 from functools import partial
 from typing import NamedTuple
 
@@ -10,7 +9,7 @@ import numpy as np
 
 from .._tree import Node
 from ..simulation import End, Outcomes, Problem
-from ..xla import in_lanes
+from ..xla import in_blocks, in_lanes
 
 _LEAST_FORCE = 1e-3  # N m (or N), what a limit must push with at least to be what holds the arm
 
@@ -42,7 +41,7 @@ def classify_ends(problem: Problem, limits: Node | None, outcomes: Outcomes) -> 
     """
     q = np.asarray(outcomes.q, np.float32)
     errors = control_point_errors(problem, q)
-    force, limit_force = by_blocks(lambda block: _forces(problem, limits, block), q)
+    force, limit_force = in_blocks(lambda block: _forces(problem, limits, block), q)
     margin = np.minimum(q - np.asarray(problem.lower), np.asarray(problem.upper) - q)
     residual = np.abs(force).max(-1)
     at_limit = (np.abs(limit_force) > np.maximum(_LEAST_FORCE, 10 * np.abs(force))).any(1)
@@ -56,18 +55,8 @@ def classify_ends(problem: Problem, limits: Node | None, outcomes: Outcomes) -> 
 
 def control_point_errors(problem: Problem, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Where the control points are at N configurations [N, n]: `points`, `hand` and `error`, as in `Ends`."""
-    points, hand = by_blocks(lambda block: _points(problem, block), q)
+    points, hand = in_blocks(lambda block: _points(problem, block), q)
     return points, hand, np.linalg.norm(points, axis=-1).max(-1)
-
-
-def by_blocks(compute: Callable[[np.ndarray], tuple], q: np.ndarray, size: int = 256) -> tuple[np.ndarray, ...]:
-    """What a compiled function of blocks of one size finds for all of `q`."""
-    parts = []
-    for first in range(0, len(q), size):
-        block = q[first : first + size]
-        padded = np.concatenate([block, np.repeat(block[:1], size - len(block), axis=0)])
-        parts.append([np.asarray(a)[: len(block)] for a in compute(padded)])
-    return tuple(np.concatenate(part) for part in zip(*parts, strict=True))
 
 
 @jax.jit

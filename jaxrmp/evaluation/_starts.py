@@ -7,7 +7,7 @@ import numpy as np
 from .._errors import ConfigurationError, ShapeError
 from ..simulation import Problem
 from ..simulation._judge import clearances
-from ._ends import by_blocks
+from ..xla import in_blocks
 
 _BLOCK = 1024  # draws at a time; part of what a seed means
 _DRAWS = 200  # blocks in a row without a free configuration until giving up
@@ -98,4 +98,4 @@ def _free(problem: Problem, count: int, draw: Callable[[np.random.Generator], np
 def _clearances(problem: Problem, q: np.ndarray) -> np.ndarray:
     if not problem.distances:
         return np.full(len(q), np.inf)
-    return by_blocks(lambda block: (clearances(problem, block),), q, _BLOCK)[0]
+    return in_blocks(lambda block: clearances(problem, block), q, _BLOCK)

@@ -195,14 +195,13 @@ class Configuration:
                 f"name is {self.name!r}, expected letters, digits, '_', '-' or '.': files bear it."
             )
         UnknownNameError.check("method", self.method, get_args(Method))
+        what = "an orientation" if self.of_turn else "a pose"
         if self.of_hand and len(names) > 1:
-            what = "an orientation" if self.of_turn else "a pose"
             raise ConfigurationError(
                 f"subtasks {names} have {what} among them, which says all of a hand: leave the others out, or give "
                 'three control points on that frame instead (kind = "points").'
             )
         if self.of_hand and self.method == "paper":
-            what = "an orientation" if self.of_turn else "a pose"
             raise ConfigurationError(
                 f"subtask {names[0]!r} is {what}, of which method 'paper' knows nothing: set method to 'auto' or "
                 "'flow', or give three control points instead."

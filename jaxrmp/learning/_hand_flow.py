@@ -15,6 +15,7 @@ from .._task_map import RigidTransform, TaskMap, Translation, compose, stack
 from .._tree import Node, Sum, on_coordinates, pullback
 from ..kinematics import ControlPoints, Robot
 from ..leaves import CruisingAttractor, Funnel
+from ..leaves._smooth_ratios import log_cosh
 from ..xla import quickly
 from ._by_parts import by_parts
 from ._configuration import FlowSettings, PolicySettings
@@ -199,18 +200,14 @@ def _highest(flow: Flow, circumradius: float, taper: float) -> float:
     axes = np.random.default_rng(0).normal(size=(_AXES, 3))
     axes = axes / np.linalg.norm(axes, axis=1, keepdims=True)
     turns = axes[:, None] * turn_lengths(circumradius, np.linspace(*_FADING, 15))[:, None]
-    y = np.asarray(_behind(single(flow), jnp.asarray(turns.reshape(-1, 3), jnp.float32)), float)
-    return float(_well(np.linalg.norm(y, axis=1), taper).max())
+    return float(_wells(single(flow), jnp.asarray(turns.reshape(-1, 3), jnp.float32), taper).max())
 
 
 @quickly
-def _behind(flow: Flow, x: jax.Array) -> jax.Array:
-    return jax.vmap(flow)(x)
-
-
-def _well(distance: np.ndarray, taper: float) -> np.ndarray:
-    """`taper log cosh(distance / taper)`."""
-    return distance + taper * (np.log1p(np.exp(-2 * distance / taper)) - np.log(2))
+def _wells(flow: Flow, x: jax.Array, taper: float) -> jax.Array:
+    """How high the well of a `CruisingAttractor` behind a flow is at `x` [N, 3], over its gains, m [N]."""
+    y = jax.vmap(flow)(x)
+    return taper * log_cosh(jnp.sum(y**2, -1) / taper**2)
 
 
 def along_ways(

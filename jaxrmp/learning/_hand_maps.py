@@ -136,6 +136,5 @@ def step(t: jax.Array) -> jax.Array:
 def _turn(points: jax.Array, targets: jax.Array) -> jax.Array:
     R, radius = _relative(points, targets)
     w = _real_part(R)
-    t = w / _EDGE
-    share = jnp.where(t < 1, t * t * (10 + t * (6 * t - 15)) / _EDGE, 1 / w)
-    return _LEVER * radius * share / (1 + w) * _twice_the_sine(R)
+    share = step(jnp.minimum(w / _EDGE, 1))
+    return _LEVER * radius * share / (w * (1 + w)) * _twice_the_sine(R)

@@ -4,6 +4,7 @@ Mathematics is written as it is in the papers and says one word, `one_loop`, whe
 repeats. With `machinery(False)`, or `JAXRMP_XLA=off` in the environment, that word means nothing.
 """
 
+from ._blocks import in_blocks as in_blocks
 from ._c_single import Field as Field
 from ._c_single import Single as Single
 from ._c_single import layout as layout

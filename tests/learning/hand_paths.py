@@ -11,6 +11,23 @@ from jaxrmp.learning import PoseDemonstration, PoseDemonstrationSet
 START = np.array([0.0, -0.5, 0.0, -2.0, 0.0, 1.6, 0.8])
 
 
+def configuration_of(name, kind):
+    """The text of a configuration of a cup that is poured, for files as `written`."""
+    return f"""
+name = "{name}"
+flow.updates = 300
+recording = {{ units = "cm", quaternion = "wxyz", rate = 30 }}
+
+[[subtasks]]
+name = "cup"
+frame = "panda_hand"
+kind = "{kind}"
+
+[poses]
+start = {START.tolist()}
+"""
+
+
 def hand(q, frame="panda_hand"):
     with jax.enable_x64(True):
         return np.asarray(jax.vmap(lambda q: forward_kinematics(panda(), q, frame))(jnp.asarray(q)))

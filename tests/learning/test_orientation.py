@@ -35,21 +35,9 @@ from jaxrmp.learning._reproduce import energy_increase, itself, rollouts_of
 from jaxrmp.learning._turn_attractor import TurnAttractor
 from jaxrmp.leaves import CruisingAttractor, Damping
 
-from .hand_paths import START, as_set, hand, pour, written
+from .hand_paths import START, as_set, configuration_of, hand, pour, written
 
-CONFIGURATION = """
-name = "tilt"
-flow.updates = 300
-recording = { units = "cm", quaternion = "wxyz", rate = 30 }
-
-[[subtasks]]
-name = "cup"
-frame = "panda_hand"
-kind = "orientation"
-
-[poses]
-start = [0.0, -0.5, 0.0, -2.0, 0.0, 1.6, 0.8]
-"""
+CONFIGURATION = configuration_of("tilt", "orientation")
 TARGETS = triangle_round(np.zeros(3), 0.15) @ Rotation.from_rotvec([0.3, -0.4, 0.2]).as_matrix().T
 
 

@@ -22,22 +22,10 @@ from jaxrmp.learning import (
     turn_errors,
 )
 
-from .hand_paths import START, as_set, hand, pour, written
+from .hand_paths import START, as_set, configuration_of, hand, pour, written
 
 SAID = RecordingSettings(units="cm", quaternion="wxyz", rate=30.0)
-CONFIGURATION = """
-name = "pour"
-flow.updates = 300
-recording = { units = "cm", quaternion = "wxyz", rate = 30 }
-
-[[subtasks]]
-name = "cup"
-frame = "panda_hand"
-kind = "pose"
-
-[poses]
-start = [0.0, -0.5, 0.0, -2.0, 0.0, 1.6, 0.8]
-"""
+CONFIGURATION = configuration_of("pour", "pose")
 
 
 def test_the_hand_goes_through_every_pose_within_the_limits():
