@@ -9,6 +9,7 @@ from . import world as world
 from ._certificate import Certificate as Certificate
 from ._certificate import certificate as certificate
 from ._certificate import uncertified_leaves as uncertified_leaves
+from ._errors import ArmError as ArmError
 from ._errors import BasinError as BasinError
 from ._errors import ConfigurationError as ConfigurationError
 from ._errors import ConvexProgramError as ConvexProgramError
@@ -76,6 +77,7 @@ from .xla import compiled as compiled
 _ON_FIRST_USE = (
     "evaluation",
     "export",
+    "hardware",
     "io",
     "learning",
     "policies",

@@ -78,6 +78,10 @@ class RolloutError(JaxrmpError, RuntimeError):
     """A rollout produced non-finite states."""
 
 
+class ArmError(JaxrmpError, RuntimeError):
+    """An arm of steel, or what stands for it, cannot be reached, refuses, or ended a motion by itself."""
+
+
 class ExportError(JaxrmpError, ValueError):
     """A function cannot be written in another language: an operation has no form there, or it is too large."""
 

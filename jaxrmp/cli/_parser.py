@@ -46,6 +46,17 @@ _RECORDED = (
     _argument("--rate HZ", "samples a second, where the demonstrations do not say", type=float),
     _argument("--quaternion ORDER", "of poses, where they do not say: wxyz or xyzw", type=str),
 )
+_ARM = (
+    _argument("--host ADDRESS", "of a Franka", type=str),
+    _argument(
+        "--realtime",
+        "scheduling: enforce, as an arm needs, or ignore, for simulators",
+        "enforce",
+        choices=("enforce", "ignore"),
+    ),
+    _argument("--recover", "let the arm leave the state that an error left it in, first"),
+    _argument("--tracker udp:PORT", "where poses of the object come to, as datagrams of JSON", type=str),
+)
 _FIX = _argument("--fix PATTERN", "lock joints, such as '*_finger_*' or elbow=0.5; may be given again", action="append")
 # Of each command: what it does, in a few words and in more, an example, and its arguments.
 _COMMANDS: dict[str, tuple[str, str, str, list[tuple[str, dict[str, Any]]]]] = {
@@ -184,6 +195,51 @@ _COMMANDS: dict[str, tuple[str, str, str, list[tuple[str, dict[str, Any]]]]] = {
             _argument("--certificate", "in C, give the energy V and its dissipation, too"),
             _argument("--robot FILE", _MOVED, type=str),
             _argument("--demos DIR", "where the C program starts: " + _LEARNED_FROM, type=str),
+        ],
+    ),
+    "drive": (
+        "drive an arm by a skill",
+        "A skill on an arm: a Franka over its network interface, or one in a scene of MuJoCo, cycle by cycle, within its "
+        "limits, watched, and stopped when something is wrong. It starts only near a stated posture. Exit code 0 if it "
+        "came to rest at the goal.",
+        f"{_DRAWER} --robot franka --host 172.16.0.2 --speed 0.3 --go --log out/drives",
+        [
+            _argument("SKILL", _SKILL),
+            _argument("--robot", "which arm: franka or mujoco", required=True, choices=("franka", "mujoco")),
+            *_ARM,
+            _argument("--scene SCENE", "for mujoco: " + _SCENE),
+            _argument("--start Q", "where it must start: joint positions with commas between, or K, as demonstration K", "0"),
+            _argument("--at Q", "for mujoco: where the arm is at first, default at the start", type=str),
+            _argument("--near RAD", "how near every joint must be to the start", 0.1),
+            _argument("--go", "take the arm to the start first, slowly, off itself; it knows nothing of what stands around"),
+            _argument("--speed S", "times the policy's own", 1.0),
+            _argument("--interface", "of the arm", "velocity", choices=("velocity", "torque")),
+            _argument("--object-still", "the skill's object is not tracked, but stands where it was demonstrated"),
+            _argument("--keep S", "how old the tracker's last pose may be, seconds", 0.5),
+            _argument("--late S", "how late a cycle may come, seconds", 0.01),
+            _argument("--obstacles N", "slots for spheres that the tracker tells", 0),
+            _argument("--duration S", "seconds until it is stopped", 60.0),
+            _argument("--tolerance M", "distance from the goal that counts, m", 0.01),
+            _argument("--dry-run", "print what would be sent from where the arm is, and send nothing"),
+            _argument("--demos DIR", _LEARNED_FROM, type=str),
+            _argument("--log DIR", "add every cycle to this folder as its next demo_K.npz, and as MCAP"),
+            _argument("--json FILE", "write how it went as JSON"),
+        ],
+    ),
+    "record": (
+        "record demonstrations on an arm guided by hand",
+        "Joint positions of a Franka that somebody guides, into a folder that jaxrmp learn --demos takes. Enter begins "
+        "and ends a demonstration.",
+        "--robot franka --host 172.16.0.2 --out out/cup",
+        [
+            _argument("--robot", "which arm", "franka", choices=("franka",)),
+            *_ARM,
+            _argument("--out DIR", "folder to add demonstrations to", required=True),
+            _argument("--model FILE", "the arm's kinematics: panda, or an MJCF, URDF or TOML robot file", "panda"),
+            _argument("--rate HZ", "samples a second", 100.0),
+            _argument("--object NAME", "what the tracker tracks", type=str),
+            _argument("--seconds S", "record one demonstration of so many seconds, without a terminal", type=float),
+            _argument("--stdin", "take lines from a pipe in place of a terminal"),
         ],
     ),
     "view": (

@@ -21,6 +21,7 @@ from ._recording import RecordingSettings, chosen_episodes, name_columns, stated
 NAME = re.compile(r"demo_(\d+)\.(npz|csv)")
 _READ = {"robot", "joint_names", "units", "num_demos", "objects", "source", "notes"}
 _ARRAYS = ("time", "joint_positions", "gripper_positions")  # the last left out without a word
+_LOGGED = "log_"  # of a drive's other columns, left out without a word
 _BASE, _POSE = "pose_world_base", "pose_world_"
 _LAYOUT = (
     "Expected demo_0.npz, demo_1.npz, ... with meta.json, or demo_0.csv, demo_1.csv, ...; or a LeRobotDataset, ROS "
@@ -59,7 +60,7 @@ def read_folder(folder: Path, recording: RecordingSettings, told: list[str]) -> 
     if unread := sorted(set(meta) - _READ):
         told.append(f"{unread} of meta.json are not read; {sorted(_READ)} are.")
     arrays = names_in_npz(chosen[0]) if chosen[0].suffix == ".npz" else ()
-    if unread := [name for name in arrays if name not in _ARRAYS and not name.startswith(_POSE)]:
+    if unread := [name for name in arrays if name not in _ARRAYS and not name.startswith((_POSE, _LOGGED))]:
         told.append(f"arrays {unread} of {chosen[0].name} are not read; time, joint_positions and {_POSE}OBJECT are.")
     source, layout = str(meta.get("source", folder.name)), f"{len(files)} files {files[0].suffix}"
     return DemonstrationSet(tuple(demonstrations), names, str(meta.get("robot", "unknown")), source, units, layout)

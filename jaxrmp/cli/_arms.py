@@ -1,0 +1,127 @@
+"""Arms as named on the command line, signals that end what they do, and the words around them."""
+
+import argparse
+import contextlib
+import signal
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .. import hardware
+from .._errors import ConfigurationError
+from ..kinematics import Robot, frame_poses
+from ..scenes import Scene
+
+ARMS = ("franka", "mujoco")
+_SAME, _SAME_TURN = 0.005, 0.02  # m, and rad times one, by which the arm's flange may differ from the model's
+
+
+@contextlib.contextmanager
+def running_until_interrupted() -> Iterator[Callable[[], bool]]:
+    """A function that says whether to go on: not after SIGINT or SIGTERM, which stop nothing else meanwhile."""
+    ended = [False]
+
+    def end(number: int, frame: Any) -> None:
+        ended[0] = True
+
+    before = {number: signal.signal(number, end) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield lambda: not ended[0]
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+@contextlib.contextmanager
+def arm_of(arguments: argparse.Namespace, scene: Scene | None, q: np.ndarray | None) -> Iterator[Any]:
+    """The arm of `--robot`, hung up at the end: in a `scene` of MuJoCo at `q`, or a Franka at `--host`."""
+    if arguments.robot == "franka":
+        if not arguments.host:
+            raise ConfigurationError("--robot franka needs --host ADDRESS, such as 172.16.0.2.")
+        arm = hardware.FrankaArm(arguments.host, arguments.realtime)
+        if arguments.recover:
+            arm.recover()
+    else:
+        if scene is None or q is None:
+            raise ConfigurationError("--robot mujoco needs --scene SCENE.")
+        arm = hardware.MujocoArm(scene, q)
+    try:
+        yield arm
+    finally:
+        arm.close()
+
+
+def sightings_of(named: str | None, obstacles: int) -> hardware.UdpSightings | None:
+    """What `--tracker udp:PORT` or `udp:HOST:PORT` listens to; None without. By default at 127.0.0.1."""
+    if named is None:
+        return None
+    kind, _, address = named.partition(":")
+    host, _, port = address.rpartition(":")
+    if kind != "udp" or not port.isdigit():
+        raise ConfigurationError(f"--tracker is {named!r}, expected udp:PORT or udp:HOST:PORT.")
+    return hardware.UdpSightings((host or "127.0.0.1", int(port)), obstacles)
+
+
+def posture_of(named: str, robot: Robot, shown: list[np.ndarray] | None) -> np.ndarray:
+    """The joints [n] of `--start`: numbers with commas between, rad, or K of demonstration K of those `shown`.
+
+    **Raises** `ConfigurationError` for what is neither.
+    """
+    if named.isdigit() and robot.num_joints > 1:
+        if shown is None or int(named) >= len(shown):
+            known = "the demonstrations are not at hand" if shown is None else f"there are 0 to {len(shown) - 1}"
+            raise ConfigurationError(f"--start {named}: {known}. Give joint positions: --start=Q1,Q2,...")
+        return np.asarray(shown[int(named)][0], float)
+    try:
+        q = np.array([float(part) for part in named.split(",")])
+    except ValueError as error:
+        raise ConfigurationError(f"--start {named}: {error}. Expected joint positions, rad: --start=Q1,Q2,...") from error
+    if q.shape != (robot.num_joints,) or not np.isfinite(q).all():
+        raise ConfigurationError(f"--start has {len(q)} positions, and {robot.name} has {robot.num_joints} joints.")
+    return q
+
+
+def check_model(arm: Any, robot: Robot, state: hardware.ArmState) -> str | None:
+    """Whether the arm's kinematics are the policy's: None where a frame of `robot` is where the arm has its flange, or
+    why that could not be looked at.
+
+    **Raises** `ConfigurationError` if no frame is.
+    """
+    T = arm.hand_pose()
+    if T is None:
+        return None
+    poses = np.asarray(frame_poses(robot, state.q.astype(float), robot.frame_names), float)
+    place = np.linalg.norm(poses[:, :3, 3] - T[:3, 3], axis=-1)
+    k = int(np.argmin(place))
+    if place[k] > _SAME:
+        raise ConfigurationError(
+            f"{arm.name} says that its flange is at {np.round(T[:3, 3], 3).tolist()}, and no frame of {robot.name!r} is: "
+            f"the nearest, {robot.frame_names[k]}, is {1000 * place[k]:.0f} mm away. The skill is of another arm, or its "
+            "base is not where the arm's is."
+        )
+    axis = poses[place <= _SAME][:, :3, 2] @ T[:3, 2]  # flanges are named with one turn about their axis or another
+    return None if axis.max() > 1 - _SAME_TURN else f"no frame of {robot.name!r} at the arm's flange has its axis"
+
+
+def narrower(arm: Any, robot: Robot) -> list[str]:
+    """Joints whose range the arm has narrower than the policy's robot, in words."""
+    lower, upper = np.asarray(robot.lower, float), np.asarray(robot.upper, float)
+    less = (np.asarray(arm.limits.lower) > lower + 0.01) | (np.asarray(arm.limits.upper) < upper - 0.01)
+    return [
+        f"{robot.joint_names[k]} {arm.limits.lower[k]:.2f} to {arm.limits.upper[k]:.2f} ({lower[k]:.2f} to {upper[k]:.2f})"
+        for k in np.flatnonzero(less)
+    ]
+
+
+def write_log(
+    arrays: dict[str, np.ndarray], folder: Path, robot: Robot, tracked: str
+) -> tuple[Path, Path | None, str | None]:
+    """A motion in `folder`: its NPZ and its MCAP, and why there is none of the latter."""
+    file = hardware.save_motion(arrays, folder, robot.name, robot.joint_names, tracked)
+    bag = folder / "mcap" / file.stem
+    try:
+        return file, hardware.save_mcap(arrays, bag, robot.joint_names, tracked), None
+    except (ImportError, OSError) as error:
+        return file, None, f"no MCAP was written: {error}"

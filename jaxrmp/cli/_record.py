@@ -1,0 +1,91 @@
+"""`jaxrmp record`: demonstrations on an arm that is guided by hand."""
+
+import argparse
+import select
+import sys
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from .. import hardware
+from .._errors import ConfigurationError
+from ..kinematics import Robot, load_robot, panda
+from ._arms import arm_of, check_model, running_until_interrupted, sightings_of, write_log
+from ._output import tell
+
+_LEAST = 0.02  # rad, below which nothing moved
+
+
+def run(arguments: argparse.Namespace, rest: list[str]) -> None:
+    if bool(arguments.object) != bool(arguments.tracker):
+        raise ConfigurationError("--object NAME and --tracker udp:PORT belong together: give both, or neither.")
+    if arguments.seconds is None and not sys.stdin.isatty() and not arguments.stdin:
+        raise ConfigurationError(
+            "there is no terminal to press Enter in: --seconds S records one demonstration of so many seconds; --stdin "
+            "takes lines from a pipe."
+        )
+    robot = panda() if arguments.model == "panda" else load_robot(arguments.model)
+    hardware.check_log_folder(arguments.out, robot.name, robot.joint_names, arguments.object or "")
+    with running_until_interrupted() as running, arm_of(arguments, None, None) as arm:
+        if arm.joints != robot.num_joints:
+            raise ConfigurationError(f"{robot.name} has {robot.num_joints} joints, and {arm.name} has {arm.joints}.")
+        if why := check_model(arm, robot, arm.read()):
+            tell(f"whether the arm's kinematics are those of --model could not be checked wholly: {why}.")
+        sightings = sightings_of(arguments.tracker, 0)
+        try:
+            if sightings is not None:
+                sightings.wait(10.0, running)
+            _record_all(arguments, arm, robot, sightings, running)
+        finally:
+            if sightings is not None:
+                sightings.close()
+
+
+def _record_all(
+    arguments: argparse.Namespace, arm: Any, robot: Robot, sightings: Any, running: Callable[[], bool]
+) -> None:
+    if arguments.seconds is not None:
+        until = time.perf_counter() + arguments.seconds
+        _keep(arguments, arm, robot, sightings, lambda: running() and time.perf_counter() < until)
+        return
+    said = "Enter begins a demonstration, Enter again ends it; q and Enter, or Ctrl-C, ends the command."
+    print(said, flush=True)
+    while (line := _line(arm, running)) is not None and line != "q":
+        print("recording ...", flush=True)
+        _keep(arguments, arm, robot, sightings, lambda: running() and not _ready())
+        if not running() or _line(arm, running) == "q":
+            return
+
+
+def _keep(
+    arguments: argparse.Namespace, arm: Any, robot: Robot, sightings: Any, going: Callable[[], bool]
+) -> None:
+    """Record one, and write it unless nothing moved."""
+    found = hardware.record(arm, going, arguments.rate, sightings)
+    count = len(found["time"])
+    moved = float(np.ptp(found["joint_positions"], axis=0).max()) if count else 0.0
+    if count < 2 or moved < _LEAST:
+        tell(f"no joint moved by {_LEAST} rad in that, so it is not kept. Guide the arm by hand while it records.")
+        return
+    file, bag, why = write_log(found, arguments.out, robot, arguments.object or "")
+    if why:
+        tell(why)
+    rate = (count - 1) / max(found["time"][-1], 1e-9)
+    print(f"{file}: {found['time'][-1]:.1f} s, {count} samples at {rate:.0f} Hz{f'; {bag}' if bag else ''}", flush=True)
+
+
+def _ready() -> bool:
+    """Whether a line waits on stdin."""
+    return bool(select.select([sys.stdin], [], [], 0.0)[0])
+
+
+def _line(arm: Any, running: Callable[[], bool]) -> str | None:
+    """The next line of stdin; None at its end or when interrupted. The arm is read meanwhile, as its network asks."""
+    while running():
+        if _ready():
+            line = sys.stdin.readline()
+            return line.strip() if line else None
+        arm.read()
+    return None

@@ -1,0 +1,253 @@
+"""The loop that drives an arm by a law, cycle by cycle, and brakes it when its watch says so."""
+
+import contextlib
+import enum
+import gc
+import time
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from .._errors import ArmError, ConfigurationError
+from ..simulation import tracking_acceleration
+from ..world import Spheres
+from ._arm import INTERFACES, Arm, ArmState, Interface
+from ._law import Law, Step
+from ._limits import Limited
+from ._log import Log
+from ._sightings import Sighting, Sightings
+from ._watch import DriveSettings, Watch
+
+_STIFFNESS, _DAMPING = 400.0, 40.0  # 1/s^2, 1/s: how torques hold the arm at its reference; and, since light links have
+_STIFFER, _DAMPER = 8.0, 0.8  # friction as others have, 1/rad and s/rad times each joint's largest torque
+_NEARING, _NEAREST, _NEARER = 4.0, 0.1, 0.5  # 1/s, rad/s, rad/s^2: how velocities mend what the arm is off its reference
+_STOPPED = 1e-3  # rad/s, below which a braking arm is told to stand
+_STANDING, _STANDS, _PATIENCE = 0.002, 0.2, 5.0  # rad, s, s: an arm is driven once it moved no more in so long
+_WARM = 300  # calls before the arm moves
+_AFTER = 2.0  # seconds that braking may take beyond a drive's duration
+
+
+class DriveEnd(enum.Enum):
+    """How a drive ended: the arm came to `RESTED`; its `TIME` was over; it was `INTERRUPTED` from outside; the watch
+    `STOPPED` it; or the arm ended it, or could not be reached, `BY_ARM`."""
+
+    RESTED = "rested"
+    TIME = "time"
+    INTERRUPTED = "interrupted"
+    STOPPED = "stopped"
+    BY_ARM = "by_arm"
+
+
+class Drive(NamedTuple):
+    """A drive as it went: how it ended and the `reason`, in words; its `log`; `late`, cycles that came after more than
+    one and a half of the arm's periods; `state`, the last one that was read."""
+
+    end: DriveEnd
+    reason: str
+    log: Log
+    late: int
+    state: ArmState
+
+
+def drive(
+    arm: Arm,
+    law: Law,
+    sightings: Sightings,
+    settings: DriveSettings | None = None,
+    *,
+    start: Any = None,
+    interface: Interface = "velocity",
+    names: tuple[str, ...] = (),
+    running: Callable[[], bool] = lambda: True,
+) -> Drive:
+    """Drive an `arm` by a `law` until it rests, or something stops it; then it stands still.
+
+    What the policy asks for is integrated, within the arm's limits, to a reference, from which it goes on. Velocities
+    are the reference's, and mend what the arm has drifted from it; torques hold the arm at it, with the arm's own
+    model. When the watch says so, the time is over or `running`
+    says no, the arm is braked straight on, within its limits, and the motion ended as it stands.
+
+    **Arguments**: `sightings`, where the object is; `start` [n], where the arm must be to begin, None for anywhere;
+    `names`, of joints, for messages.
+    **Returns** a `Drive`: what went wrong on the way is in it, and not raised, so that the log is kept.
+    **Raises** before anything moves: `ConfigurationError` for an arm that is not near `start` or has not the
+    `interface`, `ArmError` for one that cannot be read or started.
+    """
+    settings = settings or DriveSettings()
+    if interface not in arm.interfaces or interface not in INTERFACES:
+        raise ConfigurationError(f"{arm.name} has no interface {interface!r}: it has {', '.join(arm.interfaces)}.")
+    names = names or tuple(f"joint {k + 1}" for k in range(arm.joints))
+    state = _standing(arm)
+    check_start(state.q, start, settings.near, names)
+    log = Log(arm.joints, round((settings.duration + _AFTER) / arm.period))
+    watch = Watch(settings, arm.limits, names, not law.uncertified)
+    obstacles = _Obstacles(law.obstacles)
+    _warm_up(law, state, sightings.newest(), obstacles, settings.speed)
+    with _no_garbage():
+        arm.start(interface)
+        return _cycles(arm, law, sightings, settings, interface, running, log, watch, obstacles)
+
+
+def _standing(arm: Arm) -> ArmState:
+    """The arm's state once it stands still. **Raises** `ArmError` if it does not within a few seconds."""
+    state = arm.read()
+    began, since, stood = state.time, state.time, state.q
+    while state.time - since < _STANDS:
+        if (np.abs(state.q - stood) > _STANDING).any():
+            since, stood = state.time, state.q
+        if state.time - began > _PATIENCE:
+            raise ArmError(f"{arm.name} does not stand still: its joints move at {np.round(state.qd, 2).tolist()}.")
+        state = arm.read()
+    return state
+
+
+def check_start(q: np.ndarray, start: Any, near: float, names: tuple[str, ...]) -> None:
+    """**Raises** `ConfigurationError` unless joints at `q` [n] are all within `near`, rad, of `start` [n], if any."""
+    if start is None:
+        return
+    apart = np.abs(np.asarray(q, float) - np.asarray(start, float))
+    if (apart > near).any():
+        far = [f"{names[k]} by {apart[k]:.2f}" for k in np.flatnonzero(apart > near)]
+        raise ConfigurationError(
+            f"the arm is not at the start: {', '.join(far)} rad away, and {near:g} is allowed. It is at "
+            f"{np.round(q, 3).tolist()}, the start is {np.round(start, 3).tolist()}. Take it there first (--go moves it "
+            "there, slowly), or state another start."
+        )
+
+
+def _cycles(
+    arm: Arm,
+    law: Law,
+    sightings: Sightings,
+    settings: DriveSettings,
+    interface: str,
+    running: Callable[[], bool],
+    log: Log,
+    watch: Watch,
+    obstacles: "_Obstacles",
+) -> Drive:
+    n, period, speed = arm.joints, arm.period, np.float32(settings.speed)
+    qd, qdd = np.zeros(n, np.float32), np.zeros(n, np.float32)
+    reference, drift = np.zeros(n), np.zeros(n)
+    end, reason, late, still = None, "", 0, 0.0
+    state, began = None, None
+    try:
+        while True:
+            last, state = state, arm.read()
+            entered = time.perf_counter()
+            if last is None:
+                began, dt, reference = state.time, period, state.q_d.astype(float)
+            else:
+                dt = state.time - last.time
+                if dt > 1.5 * period:
+                    late += 1
+                    if interface == "velocity":  # the arm went on by itself
+                        qd = state.qd_d - drift.astype(np.float32)
+                reference = reference + dt * qd
+            state = state._replace(q_d=reference.astype(np.float32))
+            seen = sightings.newest()
+            step = None
+            if not reason:
+                step = law.step(seen.T_world_object, obstacles.of(seen), state.q_d, qd, qdd, speed)
+                if reason := watch.look(state, dt, seen, step):
+                    end = DriveEnd.STOPPED
+                elif not running():
+                    end, reason = DriveEnd.INTERRUPTED, "interrupted"
+                elif state.time - began > settings.duration:
+                    end, reason = DriveEnd.TIME, f"did not come to rest within {settings.duration:g} s"
+            if reason:
+                step = _braking(law.brake(state.q_d, qd, qdd), step, n)
+            assert step is not None
+            qd, qdd = step.qd, step.qdd
+            fastest = float(np.abs(qd).max())
+            slow = fastest < settings.still * settings.speed and state.time - began > settings.hold
+            still = still + dt if slow else 0.0
+            if not reason and still >= settings.hold:
+                end, reason = DriveEnd.RESTED, "came to rest"
+            if interface == "torque":
+                command = _torque(arm, state, qd, qdd)
+            else:
+                mended = np.zeros(n) if reason else (_NEARING * (reference - state.q)).clip(-_NEAREST, _NEAREST)
+                drift = drift + (mended - drift).clip(-_NEARER * period, _NEARER * period)
+                command = qd + drift
+            last_one = bool(reason) and fastest + float(np.abs(drift).max()) < _STOPPED
+            if last_one and interface == "velocity":
+                command = np.zeros(n)
+            log.add(state, dt, seen, step, bool(reason))
+            arm.send(command, last_one)
+            log.took(time.perf_counter() - entered)
+            if last_one:
+                assert end is not None
+                return Drive(end, reason, log, late, state)
+    except ArmError as error:
+        with contextlib.suppress(ArmError):
+            arm.stop()
+        why = f"{reason}; then {error}" if reason else str(error)
+        assert state is not None, error
+        return Drive(DriveEnd.BY_ARM if end is None else end, why, log, late, state)
+    except BaseException:
+        with contextlib.suppress(ArmError):
+            arm.stop()
+        raise
+
+
+def _braking(given: Limited, step: Step | None, joints: int) -> Step:
+    """The step of an arm that brakes: as `given`, and what the policy still said, if it was asked."""
+    if step is not None:
+        return step._replace(qd=given.qd, qdd=given.qdd, cut=given.cut)
+    nothing = np.full(joints, np.nan, np.float32)
+    return Step(given.qd, given.qdd, nothing, given.cut, nothing[0], nothing[0])
+
+
+def _torque(arm: Arm, state: ArmState, qd: np.ndarray, qdd: np.ndarray) -> np.ndarray:
+    """Torques [n] besides gravity's that hold the arm at its reference: `M (qdd + kp e + kd ed) + c + K e + D ed`."""
+    M, bias = arm.dynamics()
+    wanted = tracking_acceleration(qdd, state.q_d - state.q, qd - state.qd, _STIFFNESS, _DAMPING)
+    strength = np.where(np.isfinite(arm.limits.torque), arm.limits.torque, 0.0)
+    held = _STIFFER * (state.q_d - state.q) + _DAMPER * (qd - state.qd)
+    return np.asarray(M @ wanted + bias + strength * held)
+
+
+class _Obstacles:
+    """Sightings' spheres in a law's slots."""
+
+    def __init__(self, slots: int):
+        self._spheres, self._number = None, None
+        if slots:
+            self._center, self._radius = np.zeros((slots, 3), np.float32), np.zeros(slots, np.float32)
+            self._active = np.zeros(slots, bool)
+            self._spheres = Spheres(self._center, self._radius, self._active)
+
+    def of(self, seen: Sighting) -> Any:
+        """The slots as `seen` has them; filled anew when there is news."""
+        if self._spheres is not None and seen.number != self._number:
+            count, self._number = len(seen.obstacles), seen.number
+            self._active[:] = np.arange(len(self._active)) < count
+            self._center[:count], self._radius[:count] = seen.obstacles[:, :3], seen.obstacles[:, 3]
+        return self._spheres
+
+
+def slots_of(law: Law, seen: Sighting) -> Any:
+    """The obstacles that are `seen`, in the slots that `law.step` takes them in; None for a law without."""
+    return _Obstacles(law.obstacles).of(seen)
+
+
+def _warm_up(law: Law, state: ArmState, seen: Sighting, obstacles: _Obstacles, speed: float) -> None:
+    zeros = np.zeros_like(state.q_d)
+    for _ in range(_WARM):
+        law.step(seen.T_world_object, obstacles.of(seen), state.q_d, zeros, zeros, np.float32(speed))
+        law.brake(state.q_d, zeros, zeros)
+
+
+@contextlib.contextmanager
+def _no_garbage() -> Iterator[None]:
+    """Without Python's collector of garbage, which stops a thread for milliseconds."""
+    gc.collect()
+    was = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was:
+            gc.enable()

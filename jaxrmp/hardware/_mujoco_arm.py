@@ -1,0 +1,153 @@
+"""An arm in a scene of MuJoCo, driven through the same interface as one of steel."""
+
+import time
+from typing import Any
+
+import numpy as np
+
+from .._errors import ArmError
+from ..scenes import Scene
+from ..simulation import ArmDynamics, PhysicalArm, TrackerSettings, arm_dynamics, tracking_acceleration
+from ..simulation import observe, start_tracker
+from ._arm import ArmState, Interface, state_of
+from ._limits import MotionLimits
+from ._sightings import Sighting
+
+_STIFFNESS, _DAMPING = 400.0, 40.0  # 1/s^2, 1/s, of the arm's own loop
+_MOST = 200  # cycles that it makes up for at once
+
+
+class MujocoArm:
+    """The arm of a `scene`, at `q` [n] at first; time passes as on the clock, or as it is asked, if not `real_time`.
+
+    By velocities it has a loop of its own that follows them, within its torque limits. Cycles that nobody answers pass,
+    as on an arm: it goes on with its last command. `data` is its `mujoco.MjData`.
+
+    **Raises** `ConfigurationError` for a start in collision.
+    """
+
+    interfaces = ("velocity", "torque")
+
+    def __init__(self, scene: Scene, q: Any, real_time: bool = True):
+        self.name, self.joints = f"{scene.robot.name} in the scene {scene.name}", scene.robot.num_joints
+        self._arm = PhysicalArm(scene, scene.data(np.asarray(q, float)))
+        self.scene, self.data = scene, self._arm.data
+        self.period = float(scene.model.opt.timestep)
+        self.limits = MotionLimits.of_robot(scene.robot, scene.torque_limit)
+        self._real_time, self._due = real_time, None
+        self._interface: str = ""
+        self._q_d, self._qd_d = np.array(q, float), np.zeros(self.joints)
+        self._torque = np.zeros(self.joints)
+        self._arm.sense()
+
+    def read(self) -> ArmState:
+        """The state after the next millisecond, or after as many as have passed."""
+        for _ in range(self._passed()):
+            self._pass()
+        if not (np.isfinite(self.data.qpos).all() and np.isfinite(self.data.qvel).all()):
+            raise ArmError(f"{self.name}: its state is not finite.")
+        q, qd = self._arm.state()
+        return state_of(self.data.time, q, qd, self._q_d, self._qd_d, np.full(self.joints, np.nan))
+
+    def start(self, interface: Interface) -> None:
+        """From now on, by `interface`."""
+        self._interface = interface
+        self._q_d, self._qd_d = self._arm.state()[0].copy(), np.zeros(self.joints)
+        self._due = None
+
+    def send(self, command: np.ndarray, last: bool = False) -> None:
+        """Velocities, rad/s, or torques besides gravity's, N m; `last`: from then on it stays where it is."""
+        if not self._interface:
+            raise ArmError(f"{self.name}: no motion was started.")
+        if self._interface == "velocity":
+            self._qd_d = np.array(command, float)
+        else:
+            self._torque = np.array(command, float)
+        if last:
+            self.stop()
+
+    def dynamics(self) -> ArmDynamics:
+        """By MuJoCo's model, the bias without gravity."""
+        found = arm_dynamics(self.scene.model, self.data, self.scene.arm_dofs)
+        return found._replace(bias=found.bias - self._gravity())
+
+    def hand_pose(self) -> np.ndarray | None:
+        """None: the scene's arm is the policy's own."""
+        return None
+
+    def stop(self) -> None:
+        """It holds the joints where they are."""
+        if self._interface == "torque":
+            self._q_d = self._arm.state()[0].copy()
+        self._interface, self._qd_d = "", np.zeros(self.joints)
+
+    def close(self) -> None:
+        """Nothing to let go of."""
+
+    def _passed(self) -> int:
+        """How many cycles have passed since the last call; waits for the next one."""
+        if not self._real_time:
+            return 1
+        now = time.perf_counter()
+        if self._due is None:
+            self._due = now
+        passed = max(1, int((now - self._due) / self.period))
+        self._due += passed * self.period
+        if (left := self._due - time.perf_counter()) > 0:
+            time.sleep(left)
+        return min(passed, _MOST)
+
+    def _pass(self) -> None:
+        q, qd = self._arm.state()
+        if self._interface == "torque":
+            M = arm_dynamics(self.scene.model, self.data, self.scene.arm_dofs)
+            tau = self._torque + self._gravity()
+            self._arm.drive(np.linalg.solve(M.mass_matrix, tau - M.bias))
+        else:
+            self._q_d = self._q_d + self.period * self._qd_d
+            wanted = tracking_acceleration(0.0, self._q_d - q, self._qd_d - qd, _STIFFNESS, _DAMPING)
+            self._arm.drive(wanted)
+        self._arm.sense()
+
+    def _gravity(self) -> np.ndarray:
+        """Torques that hold the arm against gravity [n], N m: the bias of the same posture at rest."""
+        from ..kinematics._mujoco import import_mujoco
+
+        mujoco, data = import_mujoco(), self.data
+        qvel = data.qvel.copy()
+        data.qvel[:] = 0.0
+        mujoco.mj_fwdVelocity(self.scene.model, data)
+        gravity = (data.qfrc_bias - data.qfrc_passive)[self.scene.arm_dofs].copy()
+        data.qvel[:] = qvel
+        mujoco.mj_fwdVelocity(self.scene.model, data)
+        return gravity
+
+
+class SceneTracker:
+    """The object of an `arm`'s scene as a camera delivers it; with `settings` of None, as it is.
+
+    **Arguments**: `seed`, of the camera's noise.
+    """
+
+    def __init__(self, arm: MujocoArm, settings: TrackerSettings | None = None, seed: int = 0):
+        self._arm, self._settings, self._number = arm, settings, 0
+        T = arm.scene.object_pose(arm.data)
+        self._tracker = None if settings is None else start_tracker(settings, (seed,), T)
+        self._last = T
+
+    def newest(self) -> Sighting:
+        """What the camera last saw."""
+        T, none = self._arm.scene.object_pose(self._arm.data), np.zeros((0, 4))
+        if self._tracker is None or self._settings is None:
+            self._number += int((T != self._last).any())
+            self._last = T
+            return Sighting(T, none, 0.0, self._number)
+        now = float(self._arm.data.time)
+        before = self._tracker.stamp
+        self._tracker = observe(self._settings, self._tracker, now, T)
+        self._number += int(self._tracker.stamp != before)
+        age = max(now - self._tracker.stamp - self._settings.delay, 0.0)
+        return Sighting(self._tracker.seen, none, age, self._number)
+
+    def close(self) -> None:
+        """Nothing to let go of."""

@@ -1,0 +1,36 @@
+"""Motions of an arm that somebody guides by hand, as demonstrations."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from .._errors import ConfigurationError
+from ._arm import Arm
+from ._sightings import Sightings
+
+
+def record(
+    arm: Arm, running: Callable[[], bool], rate: float = 100.0, sightings: Sightings | None = None
+) -> dict[str, np.ndarray]:
+    """Read an `arm` that is not driven while `running` says so, and keep `rate` of its states a second.
+
+    **Arguments**: `rate`, Hz, at most that of the arm's cycles; `sightings`, where the object is, None for no object.
+    **Returns** `time` [T] from zero, s, by the arm's clock, `joint_positions` [T, n], and with `sightings`
+    `T_world_object` [T, 4, 4]: what `save_motion` takes.
+    **Raises** `ConfigurationError` for a rate that the arm does not have; `ArmError` if it cannot be read any more.
+    """
+    if not 0 < rate <= 1.0 / arm.period + 1e-6:
+        raise ConfigurationError(f"rate is {rate:g} Hz, expected at most the arm's {1.0 / arm.period:g}.")
+    time, q, T = list[float](), list[np.ndarray](), list[np.ndarray]()
+    due = -np.inf
+    while running():
+        state = arm.read()
+        if state.time < due:
+            continue
+        due = max(due + 1.0 / rate, state.time + 0.5 / rate)
+        time.append(state.time)
+        q.append(state.q.astype(float))
+        if sightings is not None:
+            T.append(np.array(sightings.newest().T_world_object, float))
+    found = {"time": np.array(time) - (time[0] if time else 0.0), "joint_positions": np.array(q).reshape(-1, arm.joints)}
+    return found | ({"T_world_object": np.array(T)} if sightings is not None else {})

@@ -1,0 +1,24 @@
+"""The policy that takes an arm to a posture: to where a skill starts."""
+
+from typing import Any
+
+import numpy as np
+
+from ..kinematics import Robot
+from ..policies import ArmPolicy, damping, joint_limits, posture, self_avoidance, velocity_limits
+from ..world import RobotSpheres
+
+_NATURAL = 2.0  # 1/s: critically damped
+
+
+def to_posture(robot: Robot, rest: Any, spheres: RobotSpheres | None = None) -> ArmPolicy:
+    """Takes all joints to `rest` [n], off the arm itself and within its limits; certified. What stands around the arm
+    it does not know, but for obstacles that are told.
+
+    **Arguments**: `spheres` that cover the robot, None to keep off nothing. **Raises** as `policies.posture`.
+    """
+    gains = {"weight": 1.0, "stiffness": _NATURAL**2, "damping_rate": 2.0 * _NATURAL}
+    always = posture(robot, np.asarray(rest, float), **gains) + joint_limits(robot) + velocity_limits(robot) + damping()
+    if spheres is not None:
+        always = self_avoidance(robot, spheres) + always
+    return ArmPolicy(robot, (), always, spheres and spheres.moving(robot))

@@ -1,0 +1,96 @@
+"""The watch-dog: what must not happen while an arm is driven, looked at in every cycle."""
+
+import numpy as np
+
+from .._errors import ConfigurationError
+from .._ranges import BelowOne, NonNegative, Positive, settings
+from ._arm import ArmState
+from ._law import Step
+from ._limits import MotionLimits
+from ._sightings import Sighting
+
+
+@settings("drive")
+class DriveSettings:
+    """How an arm is driven.
+
+    `speed`, times that of the policy; `duration`, s, after which it is stopped. It rests, and is done, once no joint
+    was faster than `still`, rad/s, for `hold` s. It starts only within `near`, rad, of the posture that is stated.
+    What stops it: a cycle that comes later than `late`, s; a sighting older than `keep`, s; a joint nearer than
+    `margin`, rad, to the end of its range and moving there; one farther than `follow`, rad, from where it was told to
+    be; energy that rose, while nothing was seen to change and nobody pushed, by the share `rise` of the largest so far.
+    Torques from outside above `push`, N m, are somebody who pushes.
+    """
+
+    speed: Positive[float] = 1.0
+    duration: Positive[float] = 60.0
+    still: Positive[float] = 0.002
+    hold: Positive[float] = 0.5
+    near: Positive[float] = 0.1
+    late: Positive[float] = 0.01
+    keep: Positive[float] = 0.5
+    margin: NonNegative[float] = 0.005
+    follow: Positive[float] = 0.1
+    rise: BelowOne[Positive[float]] = 0.1
+    push: Positive[float] = 5.0
+
+    def __post_init__(self):
+        if self.speed > 2.0:
+            raise ConfigurationError(f"drive.speed is {self.speed}, expected at most 2: the policy's own is 1.")
+
+
+class Watch:
+    """Looks at an arm in every cycle; `look` says why it must stop.
+
+    **Arguments**: `settings`; `limits`, of the arm; `names`, of its joints; `certified`, whether the policy's energy
+    may be watched.
+    """
+
+    def __init__(self, settings: DriveSettings, limits: MotionLimits, names: tuple[str, ...], certified: bool):
+        self._settings, self._names, self._certified = settings, names, certified
+        self._lower = np.asarray(limits.lower) + settings.margin
+        self._upper = np.asarray(limits.upper) - settings.margin
+        self._number, self._energy = -1, np.nan
+        self._risen = self._least = self._largest = 0.0
+
+    def look(self, state: ArmState, dt: float, seen: Sighting, step: Step) -> str:
+        """Why the arm must stop, in words; empty if it may go on.
+
+        **Arguments**: `state`; `dt`, s, since the last one; `seen`, the newest sighting; `step`, what the law gave.
+        """
+        settings = self._settings
+        if dt > settings.late:
+            return f"{1000 * dt:.0f} ms passed between two cycles: this process, or the network, was away"
+        if seen.age > settings.keep:
+            return f"the tracker is silent: its last pose is {seen.age:.2f} s old"
+        energy = float(step.energy)
+        if not np.isfinite(step.qd).all() or not np.isfinite(step.wanted).all():
+            return "the policy's acceleration is not finite"
+        if not np.isfinite(state.q).all() or not np.isfinite(state.qd).all():
+            return "the arm's state is not finite"
+        if self._certified and not np.isfinite(energy):
+            return "the policy's energy is not finite"
+        ends = (state.q_d < self._lower) & (step.qd < 0) | (state.q_d > self._upper) & (step.qd > 0)
+        if ends.any():
+            k = int(np.argmax(ends))
+            return f"{self._names[k]} is at the end of its range, at {state.q_d[k]:.3f}"
+        apart = np.abs(state.q - state.q_d)
+        if (apart > settings.follow).any():
+            k = int(np.argmax(apart))
+            return f"{self._names[k]} is {apart[k]:.2f} rad from where it was told to be: something is in its way"
+        return self._rise(state, seen, step, energy) if self._certified else ""
+
+    def _rise(self, state: ArmState, seen: Sighting, step: Step, energy: float) -> str:
+        pushed = np.nanmax(np.abs(state.external), initial=0.0) > self._settings.push
+        same = seen.number == self._number and np.isfinite(self._energy) and not pushed
+        # Where limits cut an acceleration, the arm is not where the policy would have taken it.
+        free = np.abs(step.cut).max() <= 0.01 * (1.0 + np.abs(step.wanted).max())
+        if same and free:
+            self._risen += energy - self._energy
+            self._least = min(self._least, self._risen)
+        self._number, self._energy = seen.number, energy
+        self._largest = max(self._largest, abs(energy))
+        if self._risen - self._least > self._settings.rise * self._largest + 1e-4:
+            share = (self._risen - self._least) / self._largest
+            return f"the policy's energy rose by {share:.0%} of its largest while nothing was seen to change"
+        return ""
