@@ -3,6 +3,7 @@ PYTHON ?= python3
 VENV ?= .venv
 PEERS := .venv-peers
 ROBOTS := .robots
+SIMULATORS := .simulators
 BIN := $(VENV)/bin
 DATA := $(abspath ../shared/data)
 DEMO := out/drawer_closing/drawer_closing.skill.npz --scene drawer --json out/drawer_closing/run.json
@@ -17,7 +18,7 @@ endif
 export JAX_COMPILATION_CACHE_DIR ?= $(abspath .jax_cache)
 export JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS ?= 0
 
-.PHONY: demo test osmesa chromium check format docs bench peers robots clean
+.PHONY: demo test osmesa chromium check format docs bench peers robots simulators try-simulators clean
 
 demo: $(VENV)/.installed-demo osmesa
 	$(BIN)/jaxrmp learn configs/drawer_closing.toml --out out/drawer_closing
@@ -28,7 +29,7 @@ demo: $(VENV)/.installed-demo osmesa
 	else $(BIN)/jaxrmp run $(DEMO) --video out/drawer_closing/drawer.mp4 --figures out/drawer_closing/figures; fi
 	@echo "The drawer is closed. To read: out/drawer_closing/report.html and run.html; skill, video, pictures beside them."
 
-test: $(VENV)/.installed-dev osmesa chromium
+test: $(VENV)/.installed-dev osmesa chromium try-simulators
 	$(BIN)/python -m pytest -n auto --dist loadfile --durations=10
 
 # What MuJoCo needs to draw without a display, where we may install it.
@@ -66,7 +67,7 @@ $(VENV)/.installed-demo: $(BIN)/python pyproject.toml constraints.txt
 	@touch $@
 
 $(VENV)/.installed-dev: $(BIN)/python pyproject.toml constraints.txt
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[all,torch,peers,dev]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[all,franka,torch,peers,dev]'
 	@touch $@
 
 # How fast it is: tables, JSON and plots in out/benchmarks, then the bars. Run `make peers` before, to compare with fabrics.
@@ -88,5 +89,22 @@ $(ROBOTS)/.installed: $(BIN)/python
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --target $(ROBOTS) example-robot-data==6.0.0
 	@touch $@
 
+# Simulators of a Franka, for tests and `python -m benchmarks franka`: 900 MB, and two environments of their own.
+simulators: $(SIMULATORS)/.installed
+
+$(SIMULATORS)/.installed: benchmarks/simulators.txt benchmarks/simulators_strict.txt
+	$(PYTHON) -m venv $(SIMULATORS)/franky
+	$(SIMULATORS)/franky/bin/python -m pip install --quiet --disable-pip-version-check -r benchmarks/simulators.txt
+	$(PYTHON) -m venv $(SIMULATORS)/strict
+	$(SIMULATORS)/strict/bin/python -m pip install --quiet --disable-pip-version-check -r benchmarks/simulators_strict.txt
+	@assets=$$($(SIMULATORS)/franky/bin/python -c 'import franky_sim, pathlib; print(pathlib.Path(franky_sim.__file__).parent / "assets")') && \
+		sed "s#meshdir=\"assets\"#meshdir=\"$$assets/meshes\"#" $$assets/fr3.xml > $(SIMULATORS)/fr3.xml
+	@touch $@
+
+# Where they cannot be installed, their tests are skipped, and say so.
+try-simulators:
+	@if [ "$$(uname -sm)" = "Linux x86_64" ]; then $(MAKE) --no-print-directory simulators || \
+		echo "No simulators of a Franka: their tests are skipped."; fi
+
 clean:
-	rm -rf $(VENV) $(PEERS) $(ROBOTS) .jax_cache out dist .pytest_cache .ruff_cache
+	rm -rf $(VENV) $(PEERS) $(ROBOTS) $(SIMULATORS) .jax_cache out dist .pytest_cache .ruff_cache

@@ -213,18 +213,15 @@ class _Obstacles:
     """Sightings' spheres in a law's slots."""
 
     def __init__(self, slots: int):
-        self._spheres, self._number = None, None
-        if slots:
-            self._center, self._radius = np.zeros((slots, 3), np.float32), np.zeros(slots, np.float32)
-            self._active = np.zeros(slots, bool)
-            self._spheres = Spheres(self._center, self._radius, self._active)
+        self._slots, self._spheres, self._number = slots, None, None
 
     def of(self, seen: Sighting) -> Any:
-        """The slots as `seen` has them; filled anew when there is news."""
-        if self._spheres is not None and seen.number != self._number:
+        """The slots as `seen` has them; made anew when there is news, and None where there are none."""
+        if self._slots and seen.number != self._number:
+            center, radius = np.zeros((self._slots, 3), np.float32), np.zeros(self._slots, np.float32)
             count, self._number = len(seen.obstacles), seen.number
-            self._active[:] = np.arange(len(self._active)) < count
-            self._center[:count], self._radius[:count] = seen.obstacles[:, :3], seen.obstacles[:, 3]
+            center[:count], radius[:count] = seen.obstacles[:, :3], seen.obstacles[:, 3]
+            self._spheres = Spheres(center, radius, np.arange(self._slots) < count)
         return self._spheres
 
 

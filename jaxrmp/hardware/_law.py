@@ -61,7 +61,7 @@ def law(policy: Any, arm: Arm, obstacles: int = 0, backend: str = "auto") -> Law
         raise ConfigurationError(f"the policy is for {policy.robot.num_joints} joints, and {arm.name} has {n}.")
     limits = single(check_limits(arm.limits, n))
     period = np.float32(arm.period)
-    policy = single(policy)
+    policy = policy if jax.tree_util.all_leaves([policy]) else single(policy)
     slots = single(Spheres.of([], capacity=obstacles)) if obstacles else None
 
     def step(T: Any, spheres: Any, q: Any, qd: Any, last: Any, speed: Any) -> Step:

@@ -14,6 +14,7 @@ from ..kinematics import Robot
 
 ACCELERATION, JERK = 10.0, 5000.0
 """Of a joint whose limits nobody states, rad/s^2 (m/s^2) and rad/s^3 (m/s^3)."""
+_OFFSET = 0.15  # rad/s (m/s): such an arm ends its motion half a hundredth of a rad before the end of a range
 
 # Shares of the limits that commands use: what is left is for the arm's own arithmetic.
 _OF_VELOCITY, _OF_ACCELERATION, _OF_JERK, _OF_BRAKING = 0.95, 0.9, 0.3, 0.5
@@ -47,7 +48,7 @@ class MotionLimits:
         **Arguments**: `torque`, `torque_rate` [n] or numbers.
         """
         n = robot.num_joints
-        values = (ACCELERATION, JERK, torque, torque_rate, 0.5 * ACCELERATION, 0.0)
+        values = (ACCELERATION, JERK, torque, torque_rate, 0.5 * ACCELERATION, _OFFSET)
         given = [np.broadcast_to(np.asarray(v, float), n) for v in values]
         return cls(*(np.asarray(v, float) for v in (robot.lower, robot.upper, robot.velocity_limit)), *given)
 
@@ -80,18 +81,18 @@ def limited(limits: MotionLimits, q: Any, qd: Any, qdd: Any, wanted: Any, dt: An
     """The next command of an arm whose last one had velocity `qd` and acceleration `qdd`, towards acceleration
     `wanted`, with velocity, acceleration and jerk in `limits`, all [n].
 
-    Accelerations that are too large are scaled as a whole, so that the arm keeps its way; the bounds of velocities,
-    which fall towards the ends of joints' ranges, hold for each joint on its own. Standing still is always allowed.
+    Accelerations and jerks that are too large are scaled as a whole, so that the arm keeps its way; the bounds of
+    velocities, which fall towards the ends of joints' ranges, hold for each joint on its own. Standing still is always
+    allowed.
 
     **Arguments**: `q` [n], where the arm is; `dt`, s from command to command.
     """
     kept = limits.with_margin()
     low, high = kept.velocity_range(q)
-    most = kept.acceleration
-    new = _scaled(wanted, most)
+    most, change = kept.acceleration, kept.jerk * dt
+    new = qdd + _scaled(_scaled(wanted, most) - qdd, change)
     new = jnp.clip(new, jnp.maximum(_RATE * (low - qd), -most), jnp.minimum(_RATE * (high - qd), most))
-    change = _scaled(new - qdd, kept.jerk * dt)
-    new = qdd + change
+    new = qdd + jnp.clip(new - qdd, -change, change)
     return Limited(qd + dt * new, new, wanted - new)
 
 

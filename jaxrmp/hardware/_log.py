@@ -146,7 +146,9 @@ def save_mcap(arrays: dict[str, np.ndarray], folder: Path, joint_names: tuple[st
     store = get_typestore(Stores.ROS2_HUMBLE)
     make = store.types
     folder.parent.mkdir(parents=True, exist_ok=True)
-    new = folder.parent / f".{folder.name}.{uuid.uuid4().hex[:8]}.partial"
+    partial = folder.parent / f".{folder.name}.{uuid.uuid4().hex[:8]}.partial"
+    partial.mkdir()
+    new = partial / folder.name  # whose name its files bear
 
     def header(nanoseconds: int, frame: str = "") -> Any:
         seconds, rest = divmod(nanoseconds, 10**9)
@@ -188,5 +190,5 @@ def save_mcap(arrays: dict[str, np.ndarray], folder: Path, joint_names: tuple[st
                     write(seen, at, transform(at, arrays["T_world_object"][k]), tf)
         new.rename(folder)
     finally:
-        shutil.rmtree(new, ignore_errors=True)
+        shutil.rmtree(partial, ignore_errors=True)
     return folder
