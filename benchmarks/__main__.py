@@ -14,6 +14,7 @@ from ._report import FOLDER, table, write_json
 ALL_CORES = ("learning", "rollouts")
 ONE_CORE = tuple(name for name in _bars.NAMES if name not in ALL_CORES)
 LONG = (
+    "franka",
     "reproduction",
     "paths",
     "starts",

@@ -15,6 +15,7 @@ from ..kinematics import Robot, frame_poses
 from ..scenes import Scene
 
 ARMS = ("franka", "mujoco")
+_MOVES = 0.1  # rad/s, above which an arm's own word of its flange may be of another moment
 _SAME, _SAME_TURN = 0.005, 0.02  # m, and rad times one, by which the arm's flange may differ from the model's
 
 
@@ -44,8 +45,7 @@ def arm_of(arguments: argparse.Namespace, scene: Scene | None, q: np.ndarray | N
         if arguments.recover:
             arm.recover()
     else:
-        if scene is None or q is None:
-            raise ConfigurationError("--robot mujoco needs --scene SCENE.")
+        assert scene is not None and q is not None
         arm = hardware.MujocoArm(scene, q)
     try:
         yield arm
@@ -92,8 +92,12 @@ def check_model(arm: Any, robot: Robot, state: hardware.ArmState) -> str | None:
     T = arm.hand_pose()
     if T is None:
         return None
-    poses = np.asarray(frame_poses(robot, state.q.astype(float), robot.frame_names), float)
-    place = np.linalg.norm(poses[:, :3, 3] - T[:3, 3], axis=-1)
+    if (np.abs(state.qd) > _MOVES).any():
+        return "the arm moves"
+    # An arm may say where its flange is told to be.
+    several = [np.asarray(frame_poses(robot, q.astype(float), robot.frame_names), float) for q in (state.q, state.q_d)]
+    places = [np.linalg.norm(poses[:, :3, 3] - T[:3, 3], axis=-1) for poses in several]
+    poses, place = min(zip(several, places, strict=True), key=lambda pair: pair[1].min())
     k = int(np.argmin(place))
     if place[k] > _SAME:
         raise ConfigurationError(

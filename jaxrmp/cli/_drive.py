@@ -12,7 +12,7 @@ from .._rotations import rotation_angle
 from ..kinematics import Robot, frame_poses
 from ..learning import Skill
 from ..policies import whole_arm_policy
-from ..scenes import Scene
+from ..scenes import Scene, arm_alone
 from ..world import own_spheres
 from ._arms import arm_of, check_model, narrower, posture_of, running_until_interrupted, sightings_of, write_log
 from ._output import progress_bar, tell, write_json
@@ -27,14 +27,19 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
     given = {name: getattr(arguments, name) for name in ("speed", "duration", "near", "keep", "late")}
     settings = hardware.DriveSettings(**given)
     skill = learning.load_skill(arguments.skill)
-    if arguments.robot == "mujoco" and not arguments.scene:
-        raise ConfigurationError("--robot mujoco needs --scene SCENE.")
-    scene = scene_of(arguments.scene, skill) if arguments.scene and arguments.robot == "mujoco" else None
-    robot = scene.robot if scene is not None else skill.load_robot(None)
+    if arguments.scene and arguments.robot != "mujoco":
+        raise ConfigurationError("--scene is for --robot mujoco: leave it out.")
+    robot = skill.load_robot(None)
+    scene = None
+    if arguments.robot == "mujoco":
+        scene = scene_of(arguments.scene, skill) if arguments.scene else arm_alone(skill.configuration.robot)
+        robot = scene.robot
+        skill.check_robot(robot)
     shown = _shown(skill, robot, arguments.demos)
     start = posture_of(arguments.start, robot, shown)
     object_name = skill.configuration.object if skill.configuration.object else ""
-    if object_name and not arguments.tracker and scene is None and not arguments.object_still:
+    tracks = scene is not None and bool(scene.object)
+    if object_name and not arguments.tracker and not tracks and not arguments.object_still:
         raise ConfigurationError(
             f"the skill follows the object {object_name!r}: say what tracks it, --tracker udp:PORT, or, if it stands "
             "where it was demonstrated, --object-still."
@@ -102,7 +107,7 @@ def _sightings(
     if found is not None:
         found.wait(10.0, running)
         return found
-    if scene is not None:
+    if scene is not None and scene.object:
         return hardware.SceneTracker(arm)
     return hardware.Fixed(np.asarray(skill.T_world_object))
 

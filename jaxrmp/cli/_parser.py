@@ -207,7 +207,7 @@ _COMMANDS: dict[str, tuple[str, str, str, list[tuple[str, dict[str, Any]]]]] = {
             _argument("SKILL", _SKILL),
             _argument("--robot", "which arm: franka or mujoco", required=True, choices=("franka", "mujoco")),
             *_ARM,
-            _argument("--scene SCENE", "for mujoco: " + _SCENE),
+            _argument("--scene SCENE", "for mujoco: " + _SCENE + "; default the arm alone"),
             _argument("--start Q", "where it must start: joint positions with commas between, or K, as demonstration K", "0"),
             _argument("--at Q", "for mujoco: where the arm is at first, default at the start", type=str),
             _argument("--near RAD", "how near every joint must be to the start", 0.1),
