@@ -56,7 +56,9 @@ _COMMANDS: dict[str, tuple[str, str, str, list[tuple[str, dict[str, Any]]]]] = {
         "configs/drawer_closing.toml --out out/drawer --metric.updates 500",
         [
             _argument("CONFIG", "TOML configuration, such as configs/drawer_closing.toml"),
-            _argument("--demos DIR", _DEMOS + "$JAXRMP_DATA/franka/NAME if set, else synthetic", type=str),
+            _argument(
+                "--demos DIR", _DEMOS + "$JAXRMP_DATA/franka/NAME or poses/NAME.npz if set, else synthetic", type=str
+            ),
             *_RECORDED,
             _argument("--out DIR", "output folder, default out/NAME"),
             _argument("--validate", "learn with each demonstration left out in turn too, and reproduce that one"),

@@ -11,7 +11,7 @@ from .. import learning, simulation, visualization
 from .._errors import ConfigurationError, RolloutError
 from ..policies import whole_arm_policy
 from ..scenes import Scene
-from ._output import made_by, progress_bar, tell, write_json
+from ._output import aligned, made_by, progress_bar, tell, write_json
 from ._report_pages import FIGURES, pictures_in, run_page
 from ._sources import demonstrations_of, scene_of
 
@@ -155,16 +155,23 @@ def report_dict(result: simulation.Run, first: int = 0, paths: Paths | None = No
 
 def outcome_table(report: dict[str, Any]) -> str:
     """All trials as a table, a line each, and what to know about torques and speeds."""
-    lines = ["trial  success  error_mm  angle_deg  clearance_mm  time_s  dtw_cm  frechet_cm  reason"]
+    head = ["trial", "success", "error_mm", "angle_deg", "clearance_mm", "time_s", "dtw_cm", "frechet_cm", "reason"]
+    rows = []
     for trial in report["per_trial"]:
         path = trial["path"]
-        dtw, frechet = (f"{path[name]:.2f}" if path else "-" for name in ("dtw_cm", "frechet_cm"))
-        angle = "-" if np.isnan(trial["final_angle_deg"]) else f"{trial['final_angle_deg']:.1f}"
-        lines.append(
-            f"{trial['trial']:>5}{'yes' if trial['success'] else 'no':>9}{1000 * trial['final_error_m']:>10.1f}"
-            f"{angle:>11}{1000 * trial['min_clearance_m']:>14.1f}{trial['time_s']:>8.1f}{dtw:>8}{frechet:>12}  "
-            f"{trial['reason']}"
+        rows.append(
+            [
+                str(trial["trial"]),
+                "yes" if trial["success"] else "no",
+                f"{1000 * trial['final_error_m']:.1f}",
+                "-" if np.isnan(trial["final_angle_deg"]) else f"{trial['final_angle_deg']:.1f}",
+                f"{1000 * trial['min_clearance_m']:.1f}",
+                f"{trial['time_s']:.1f}",
+                *(f"{path[name]:.2f}" if path else "-" for name in ("dtw_cm", "frechet_cm")),
+                trial["reason"],
+            ]
         )
+    lines = aligned(head, rows, of_words=1)
     if saturated := [t for t in report["per_trial"] if t["saturated"] > 0]:
         worst = max(saturated, key=lambda t: t["saturated"])
         joints = sorted({joint for t in saturated for joint in t["saturated_joints"]})
@@ -180,6 +187,8 @@ def outcome_table(report: dict[str, Any]) -> str:
             f"{report['trials_compared']} trials start as a demonstration did; their ways are {mean['dtw_cm']:.2f} cm "
             f"(DTW) and {mean['frechet_cm']:.2f} cm (Frechet) from it in the mean"
         )
+    else:
+        lines.append("no trial starts as a demonstration did: there is no way to compare (dtw_cm, frechet_cm)")
     lines.append(f"{report['successes']} of {report['trials']} trials succeeded in scene {report['scene']}")
     return "\n".join(lines)
 

@@ -17,11 +17,12 @@ import pytest
 
 from jaxrmp import batched, pullback
 from jaxrmp.cli import build_parser, main
-from jaxrmp.cli._output import error_table
+from jaxrmp.cli._output import aligned, error_table
 from jaxrmp.cli._overrides import parse_overrides
 from jaxrmp.cli._reproduce import result_dict
 from jaxrmp.learning import Reproduction, load_demonstrations, load_skill, save_demonstrations
 from jaxrmp.leaves import Attractor, Damping, JointLimit
+from jaxrmp.reports._page import records
 from jaxrmp.simulation import rollout
 
 CONFIG = str(Path(__file__).parents[2] / "configs" / "drawer_closing.toml")
@@ -145,6 +146,17 @@ def test_goals_that_the_arm_rests_away_from_are_named(learned):
     assert [e["rests_away_from"] for e in result["per_demo"]] == [[], list(skill.subtasks)]
     last = error_table(result).splitlines()[-1]
     assert last == f"demo 1 comes to rest more than 1 cm away from the goal of {', '.join(skill.subtasks)}"
+
+
+def test_columns_that_say_nothing_are_left_out_of_tables():
+    rows = [["0", "-", "1.25", "fell over"], ["10", "-", "-", "arrived"]]
+    assert aligned(["trial", "angle", "error_mm", "reason"], rows, of_words=1) == [
+        "trial  error_mm  reason",
+        "0          1.25  fell over",
+        "10            -  arrived",
+    ]
+    page = records(rows, {"trial": lambda r: r[0], "empty": lambda r: "", "why": lambda r: r[3]})
+    assert "<th>why</th>" in page and "empty" not in page and page.count("<td>") == 4
 
 
 def test_a_synthetic_source_can_be_named(learned, capsys):
