@@ -109,6 +109,10 @@ _COMMANDS: dict[str, tuple[str, str, str, list[tuple[str, dict[str, Any]]]]] = {
             _argument("--limit S", "seconds a trial may take", 30.0),
             _argument("--strict", "exit with 1 if a trial fails or diverges"),
             _argument("--interface", "of the arm", "torque", choices=("torque", "velocity", "position")),
+            _argument(
+                "--detour",
+                "look ahead for a way round the scene's obstacles before each trial, and lead the hand by it",
+            ),
             _argument("--learned-rate HZ", "evaluate learned leaves this often and hold"),
             _argument(
                 "--tracker",

@@ -5,18 +5,22 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 
 from .. import learning, simulation, visualization
 from .._errors import ConfigurationError, RolloutError
-from ..policies import whole_arm_policy
+from .._pytree import single
+from ..policies import FoundDetour, find_detour, whole_arm_policy
 from ..scenes import Scene
 from ._output import aligned, made_by, progress_bar, tell, write_json
 from ._report_pages import FIGURES, pictures_in, run_page
 from ._sources import demonstrations_of, scene_of
 
 # The options, besides the tracker's, that decide what happens.
-_DECISIVE = ("scene", "trial", "trials", "displace", "seed", "limit", "interface", "learned_rate")
+_DECISIVE = ("scene", "trial", "trials", "displace", "seed", "limit", "interface", "learned_rate", "detour")
+_AHEAD = 10.0  # s that a look ahead is long, at most
 
 
 def run(arguments: argparse.Namespace, rest: list[str]) -> None:
@@ -43,10 +47,15 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
             trials = [trials[arguments.trial]]
         if scene.hand:
             scene = replace(scene, T_object_hand=learning.demonstrated_end(prepared, scene.robot, scene.hand))
+        policy = whole_arm_policy(skill, scene.robot)
+        if arguments.detour:
+            progress("looking ahead", 0.0)
+        ways = _detours(policy, scene, trials, min(_AHEAD, arguments.limit)) if arguments.detour else None
         result = simulation.run_trials(
             scene,
-            whole_arm_policy(skill, scene.robot),
+            policy,
             trials,
+            aside=ways and ways.aside,
             limit=arguments.limit,
             tracker=_tracker(arguments, skill),
             interface=arguments.interface,
@@ -56,7 +65,7 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
             progress=lambda share: progress("running", share),
         )
         paths = path_errors(result, skill, prepared)
-        report = report_dict(result, arguments.trial or 0, paths)
+        report = report_dict(result, arguments.trial or 0, paths) | {"detours": ways and _ways(ways)}
         if arguments.json:
             write_json(report, arguments.json)
         if arguments.video:
@@ -85,6 +94,23 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
         raise RolloutError(
             f"--strict: {len(failed)} of {len(trials)} trials did not succeed: {failed}. Replay one with --trial K."
         )
+
+
+def _detours(policy: Any, scene: Scene, trials: Sequence[simulation.Trial], duration: float) -> FoundDetour | None:
+    """A way round what the policy is told to avoid in each of `trials`, stacked; None, told, where that is nothing."""
+    worlds = jax.tree.map(lambda *a: jnp.stack(a), *(single(scene.at(trial).obstacles()) for trial in trials))
+    if not scene.at(trials[0]).obstacles().size:
+        tell(f"--detour: scene {scene.name!r} tells the policy of no obstacles, so there is nothing to look for.")
+        return None
+    q, T = (jnp.asarray(part, jnp.float32) for part in ([t.q for t in trials], [t.T_world_object for t in trials]))
+    return jax.jit(jax.vmap(lambda q, T, world: find_detour(policy, q, T, world, duration=duration)))(q, T, worlds)
+
+
+def _ways(found: FoundDetour) -> list[dict[str, Any]]:
+    """What was found for each trial, as JSON has it: `strength` 0 is no detour."""
+    parts = zip(found.aside.strength, found.aside.lean, found.left, found.clearance, strict=True)
+    keys = ("strength_n", "lean_m", "left_m", "clearance_m")
+    return [dict(zip(keys, (np.asarray(part).tolist() for part in of), strict=True)) for of in parts]
 
 
 def _figures(

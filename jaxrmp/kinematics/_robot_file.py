@@ -39,6 +39,8 @@ def read_robot_file(path: str | os.PathLike) -> dict[str, Any]:
     for name, place in content.get("packages", {}).items():
         if not isinstance(place, str):
             raise RobotError(f"{path}: packages.{name} is {place!r}, expected a folder.")
+    if type(fineness := content.get("cover_error", 1.0)) not in (int, float):
+        raise RobotError(f"{path}: cover_error is {fineness!r}, expected a length, m.")
     folder = Path(path).parent
     found = {key: content[key] for key in ("name", "root", "fixed", "ignore", "cover_error") if key in content}
     found["path"] = folder / content["file"]

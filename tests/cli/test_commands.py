@@ -93,7 +93,9 @@ def test_what_was_learned_is_a_page_that_needs_nothing_else(learned):
     page = (learned / "report.html").read_text(encoding="utf-8")
     assert not re.search(r"(src|href)=\"(?!data:)", page)
     assert page.count("data:image/png;base64,") == len(list((learned / "figures").glob("*.png"))) == 7
-    mean = json.loads((learned / "learning_report.json").read_text())["reproduction"]["mean"]
+    report = json.loads((learned / "learning_report.json").read_text())
+    assert report["self_clearance"]["distance"] > 0 and "are apart by" in report["self_clearance"]["text"]
+    mean = report["reproduction"]["mean"]
     assert f"<td>mean</td><td>{mean['dtw_cm']:.2f}</td>" in page
     assert "<td>metric.updates</td><td>100</td>" in page
     assert "Not validated: <code>jaxrmp learn --validate</code>" in page
