@@ -163,7 +163,7 @@ def report_dict(result: simulation.Run, first: int = 0, paths: Paths | None = No
     the mean of that."""
     paths = paths or [None] * len(result.outcomes)
     compared = [path for path in paths if path is not None]
-    mean = {name: float(np.mean([path[name] for path in compared])) for name in ("dtw_cm", "frechet_cm")}
+    mean = {name: sum(path[name] for path in compared) / max(len(compared), 1) for name in ("dtw_cm", "frechet_cm")}
     per_trial = [
         {
             "trial": first + k,

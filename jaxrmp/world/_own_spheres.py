@@ -1,6 +1,7 @@
 """Spheres on a robot, and which of them may meet, from the file that the robot was read from."""
 
 import contextlib
+import json
 import warnings
 from collections.abc import Collection, Iterable, Sequence
 from typing import Any
@@ -102,19 +103,20 @@ def own_self_pairs(robot: Robot, spheres: RobotSpheres) -> tuple[tuple[int, int]
         more = f" and {len(left) - _NAMED} more pairs of links" if len(left) > _NAMED else ""
         warnings.warn(
             f"{robot.name!r}: {len(pairs) - len(kept)} pairs of spheres on {', '.join(left[:_NAMED])}{more} touch too "
-            f"often to tell, and are not kept apart. {mend_cover(robot, spheres, *links[0])}",
+            f"often to tell, and are not kept apart. {mend_cover(robot, spheres, links[:_NAMED])}",
             FileWarning,
             stacklevel=3,
         )
     return kept
 
 
-def mend_cover(robot: Robot, spheres: RobotSpheres, first: str, second: str) -> str:
-    """What to do where `spheres` on the links `first` and `second` of a `robot` overlap, in words."""
+def mend_cover(robot: Robot, spheres: RobotSpheres, links: Sequence[tuple[str, str]]) -> str:
+    """What to do where `spheres` on some pairs of `links` of a `robot` overlap, in words."""
     half = f"{max(spheres.coverage_error / 2, 1e-3):.2g}" if np.isfinite(spheres.coverage_error) else "0.008"
     said = line_of_robot_file(f"cover_error = {half}", robot.source)
-    touching = f'{toml_key("ignore", first)} = ["{second}"]'
-    return f"Have a finer cover: {said}. Or, if the links may touch, say `{touching}` there."
+    touched = {first: [b for a, b in links if a == first] for first, _ in links}
+    lines = " and ".join(f"`{toml_key('ignore', first)} = {json.dumps(others)}`" for first, others in touched.items())
+    return f"Have a finer cover, which takes longer to avoid: {said}. Or, if the links may touch, say {lines} there."
 
 
 def _together(parts: list[RobotSpheres]) -> RobotSpheres:

@@ -206,6 +206,18 @@ def test_run_closes_the_drawer_in_physics(learned, demos, tmp_path, capsys):
     assert replayed["time_s"] == pytest.approx(report["per_trial"][6]["time_s"], abs=0.1)
 
 
+def test_run_looks_ahead_for_a_way_round_obstacles(learned, tmp_path, capsys):
+    skill, file = str(learned / "drawer_closing.skill.npz"), tmp_path / "run.json"
+    command = ["run", skill, "--trials", "2", "--limit", "0.5", "--detour", "--json", str(file), "--scene"]
+    assert main([*command, "drawer_obstacle"]) == 0
+    detours = json.loads(file.read_text())["detours"]
+    assert len(detours) == 2 and all(len(found["lean_m"]) == 3 and found["strength_n"] >= 0 for found in detours)
+    assert all(0 < found["clearance_m"] < 1 and 0 < found["left_m"] < 1 for found in detours)
+    assert main([*command, "drawer"]) == 0
+    assert json.loads(file.read_text())["detours"] is None
+    assert "scene 'drawer' tells the policy of no obstacles" in capsys.readouterr().err
+
+
 def test_a_trial_that_fails_is_an_error_if_that_is_asked_for(learned, capsys):
     command = ["run", str(learned / "drawer_closing.skill.npz"), "--scene", "drawer", "--trials", "1", "--limit", "0.3"]
     assert main(command) == 0
