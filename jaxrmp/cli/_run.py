@@ -65,7 +65,8 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
             progress=lambda share: progress("running", share),
         )
         paths = path_errors(result, skill, prepared)
-        report = report_dict(result, arguments.trial or 0, paths) | {"detours": ways and _ways(ways)}
+        report = report_dict(result, arguments.trial or 0, paths)
+        report["detours"] = ways and _ways(ways)
         if arguments.json:
             write_json(report, arguments.json)
         if arguments.video:

@@ -158,7 +158,7 @@ def _pull(policy, q, T):
 def goal_distance(policy: Any, q: jax.Array, T_world_target: jax.Array) -> jax.Array:
     """How far the hands of an `ArmPolicy` are from their goals at `q` [n], the farthest, m; 0 if none goes anywhere.
 
-    **Arguments**: `T_world_target` as in `ArmPolicy.tree`.
+    **Arguments**: `policy`; `T_world_target` as in `ArmPolicy.tree`.
     """
     far = jnp.zeros((), q.dtype)
     for task, at in policy.with_targets(T_world_target):

@@ -95,6 +95,7 @@ def test_what_was_learned_is_a_page_that_needs_nothing_else(learned):
     assert page.count("data:image/png;base64,") == len(list((learned / "figures").glob("*.png"))) == 7
     report = json.loads((learned / "learning_report.json").read_text())
     assert report["self_clearance"]["distance"] > 0 and "are apart by" in report["self_clearance"]["text"]
+    assert f"The robot and itself: {report['self_clearance']['text']}." in page
     mean = report["reproduction"]["mean"]
     assert f"<td>mean</td><td>{mean['dtw_cm']:.2f}</td>" in page
     assert "<td>metric.updates</td><td>100</td>" in page

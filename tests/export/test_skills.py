@@ -98,6 +98,8 @@ def test_what_the_command_refuses(skills, tmp_path, capsys):
     capsys.readouterr()
     assert main([*command, "--obstacles", "-1"]) == 1
     assert "--obstacles is -1, expected 0 or more" in capsys.readouterr().err
+    assert main([*command, "--obstacles", "2000", "--certificate", "--quiet"]) == 1
+    assert "Say fewer --obstacles than 2000 or no --certificate." in capsys.readouterr().err
     assert main([*command, "--demos", str(tmp_path / "nowhere"), "--quiet"]) == 1
     assert not (tmp_path / "c").exists()
     assert main(command[:2]) == 1
