@@ -14,8 +14,8 @@ _PACKAGES = ("jaxrmp", "jax", "jaxlib", "numpy", "cvxpy", "mujoco", "mujoco-mjx"
 
 
 def table(rows: Sequence[dict[str, Any]], markdown: bool = False) -> str:
-    """Rows under the union of their columns."""
-    columns = list(dict.fromkeys(key for row in rows for key in row))
+    """Rows under the union of their columns, without those that are empty in every row."""
+    columns = list(dict.fromkeys(key for row in rows for key, value in row.items() if value is not None))
     lines = [columns] + [[_text(row.get(column)) for column in columns] for row in rows]
     if markdown:
         lines.insert(1, ["---"] * len(columns))

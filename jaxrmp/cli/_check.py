@@ -28,6 +28,7 @@ from ..learning import (
     load_paths,
     load_poses,
     load_skill,
+    own_clearance,
     prepare,
     preprocess,
 )
@@ -190,6 +191,8 @@ def _configuration(arguments: argparse.Namespace, found: _Findings) -> None:
         prepared = found.attempt(lambda: prepare(configuration, robot, recorded()))
         _pauses(prepared.joints if prepared else None, found)
         _agreement(prepared.points if prepared else None, found)
+        if prepared is not None:
+            _clear_of_itself(robot, prepared.joints.q, found, bool(configuration.poses.start))
 
 
 def _pauses(joints: Preprocessed | None, found: _Findings) -> None:
@@ -237,11 +240,17 @@ def _hand_points(robot: Robot, demonstrations: DemonstrationSet, found: _Finding
     frames = (hand_frame(robot),) * len(_HAND)
     joints = preprocess(demonstrations)
     _pauses(joints, found)
+    _clear_of_itself(robot, joints.q, found)
     points = [control_points(robot, frames, _HAND, q) for q in joints.q]
     if len(demonstrations.object_names) == 1:
         (name,) = demonstrations.object_names
         points = [in_frame(path, d.pose(name)) for path, d in zip(points, demonstrations, strict=True)]
     return points
+
+
+def _clear_of_itself(robot: Robot, ways: Sequence[np.ndarray], found: _Findings, of_poses: bool = False) -> None:
+    clearance = found.attempt(lambda: own_clearance(robot, ways, of_poses))
+    found.read["the robot and itself"] = str(clearance)
 
 
 def _agreement(points: Sequence[np.ndarray] | None, found: _Findings) -> None:

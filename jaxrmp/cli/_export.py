@@ -9,11 +9,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from .. import export
-from .._errors import ConfigurationError, DemonstrationError
+from .._errors import ConfigurationError, DemonstrationError, ExportError
 from .._forms import resolve
 from ..kinematics import Robot
 from ..learning import Skill, prepare
-from ..policies import whole_arm_policy
+from ..policies import goal_distance, whole_arm_policy
 from ..world import Spheres, World
 from ._export_stablehlo import write_skill_stablehlo
 from ._output import progress_bar, tell
@@ -27,6 +27,7 @@ _UNITS = {
     "obstacles_center": "m, in the world",
     "obstacles_radius": "m",
     "obstacles_active": "0 for a slot without an obstacle",
+    "goal_distance": "m, of the first control point from its goal",
     "V": "energy, which never rises where nothing in the world moves",
     "dissipation": "at which it falls, per second",
 }
@@ -49,7 +50,12 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
 def _write_c(arguments: argparse.Namespace, skill: Skill, robot: Robot) -> None:
     with progress_bar(arguments.quiet) as progress:
         progress("writing", 0.0)
-        found = skill_in_c(skill, robot, arguments.obstacles, arguments.certificate, arguments.precision)
+        try:
+            found = skill_in_c(skill, robot, arguments.obstacles, arguments.certificate, arguments.precision)
+        except ExportError as error:
+            given = [f"fewer --obstacles than {arguments.obstacles}"] * bool(arguments.obstacles)
+            given += ["no --certificate"] * arguments.certificate
+            raise ExportError(f"{error} Say {' or '.join(given)}." if given else str(error)) from error
         progress("starting", 0.8)
         q, T, start = _start(skill, robot, arguments.demos)
         files = export.write_project(found, {"q": q, "T_world_object": T}, start, arguments.c)
@@ -63,7 +69,8 @@ def skill_in_c(
     skill: Skill, robot: Robot, obstacles: int = 0, certificate: bool = False, precision: str = "float"
 ) -> export.CSource:
     """The `whole_arm_policy` of a skill as C: `q`, `qd`, where the object is and `obstacles` slots for spheres to
-    `qdd`, and with a `certificate` to the tree's energy `V` and its `dissipation`, too.
+    `qdd` and `goal_distance`, unless it is of a turn alone, and with a `certificate` to the tree's energy `V` and its
+    `dissipation`, too.
 
     **Raises** `ExportError`, else as `whole_arm_policy`.
     """
@@ -78,10 +85,11 @@ def skill_in_c(
 
         def whole(q: Any, qd: Any, T_world_object: Any, obstacles: Any) -> dict[str, Any]:
             tree = policy.tree(T_world_object, World(spheres=obstacles))
+            found = {} if skill.of_turn else {"goal_distance": goal_distance(policy, q, T_world_object)}
             if not certificate:
-                return {"qdd": resolve(tree(q, qd))}
+                return {"qdd": resolve(tree(q, qd)), **found}
             measured = tree.measure(q, qd)
-            found = {"V": measured.energy, "dissipation": measured.dissipation}
+            found |= {"V": measured.energy, "dissipation": measured.dissipation}
             return {"qdd": resolve(measured.form.dense()), **found}
 
         q, T = np.zeros(robot.num_joints, real), np.eye(4, dtype=real)

@@ -119,6 +119,7 @@ def _summary(learning: Learning) -> str:
         ]
         if any(found):
             lines.append(f"demonstration {i}: {', '.join(filter(None, found))}")
+    lines.append(f"the robot and itself: {learning.clearance}")
     lines.append(f"by the method {skill.method!r}: {learning.why}")
     if learning.flow is not None:
         fit = learning.flow.fit

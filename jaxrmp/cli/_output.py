@@ -6,7 +6,7 @@ import math
 import platform
 import sys
 import threading
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -106,6 +106,7 @@ def made_by(command: str, configuration: Configuration, source: str) -> dict[str
     }
 
 
+_PLACES = ("dtw_cm", "frechet_cm", "goal_cm")
 SOME_MEASURE = {  # errors that not every skill has, by their key, with their heading on a page
     "position_percent": "place, % of the path",
     "turn_deg": "turn, degrees",
@@ -122,19 +123,18 @@ def validation_table(validation: dict[str, Any] | None) -> str:
         return NOT_VALIDATED
     some = measured([fold["held_out"] for fold in validation["folds"]])
     late = [name for name in some if name == "time_aligned_cm"]
+    kinds = {"held_out": [*_PLACES, *some], "training": [*_PLACES[:2], *late]}
+    head = ["left_out", *kinds["held_out"], *(f"training_{name}" for name in kinds["training"]), "method"]
+    named = [(str(fold["left_out"]), fold) for fold in validation["folds"]]
+    rows = [
+        [name, *(_number(fold[kind], key) for kind, keys in kinds.items() for key in keys), fold.get("method", "")]
+        for name, fold in [*named, ("mean", validation)]
+        if fold["held_out"] is not None
+    ]
     lines = [
         "each left out in turn, learned without it, and reproduced (held out), beside those learned from (training)",
-        f"left_out  dtw_cm  frechet_cm  goal_cm{_names(some)}  training_dtw_cm  training_frechet_cm"
-        f"{_names(late, 'training_')}  method",
+        *aligned(head, rows, of_words=1),
     ]
-    rows = [(str(f["left_out"]), f["held_out"], f["training"], f["method"]) for f in validation["folds"]]
-    for name, held_out, training, method in [*rows, ("mean", validation["held_out"], validation["training"], "")]:
-        if held_out is not None:
-            lines.append(
-                f"{name:<10}{_number(held_out['dtw_cm'], 6)}{_number(held_out['frechet_cm'], 12)}"
-                f"{_number(held_out['goal_cm'], 9, 3)}{_cells(held_out, some)}{_number(training['dtw_cm'], 17)}"
-                f"{_number(training['frechet_cm'], 21)}{_cells(training, late, 'training_')}  {method}".rstrip()
-            )
     lines += [fold_failed(f) for f in validation["folds"] if f["failed"]]
     lines.append(folds_passed(validation))
     return "\n".join(lines)
@@ -146,17 +146,25 @@ def measured(rows: Iterable[Mapping[str, Any] | None]) -> list[str]:
     return [name for name in SOME_MEASURE if any(row is not None and row.get(name) is not None for row in rows)]
 
 
-def _names(some: Iterable[str], of: str = "") -> str:
-    return "".join(f"  {of}{name}" for name in some)
+def aligned(head: Sequence[str], rows: Sequence[Sequence[str]], of_words: int = 0) -> list[str]:
+    """The lines of a table, without the columns that say a dash in every row; the first column and the last `of_words`
+    begin below one another, all others end so."""
+    columns = [c for c in zip(head, *rows, strict=True) if not rows or any(cell != "-" for cell in c[1:])]
+    widths = [max(map(len, column)) for column in columns]
+    left = [k == 0 or k >= len(columns) - of_words for k in range(len(columns))]
+    lines = zip(*columns, strict=True)
+    return [
+        "  ".join(
+            cell.ljust(w) if to else cell.rjust(w) for cell, w, to in zip(line, widths, left, strict=True)
+        ).rstrip()
+        for line in lines
+    ]
 
 
-def _cells(errors: Mapping[str, Any], some: Iterable[str], of: str = "") -> str:
-    """What `errors` say, under `_names`, a dash where they do not."""
-    return "".join(_number(errors.get(name), 2 + len(of) + len(name)) for name in some)
-
-
-def _number(value: float | None, width: int, digits: int = 2) -> str:
-    return f"{'-' if value is None else f'{value:.{digits}f}':>{width}}"
+def _number(errors: Mapping[str, Any], name: str) -> str:
+    """The error `name`, a dash where there is none."""
+    value = errors.get(name)
+    return "-" if value is None else f"{value:.{3 if name == 'goal_cm' else 2}f}"
 
 
 def fold_failed(fold: Mapping[str, Any]) -> str:
@@ -176,13 +184,14 @@ def error_table(result: dict[str, Any]) -> str:
     if result["learned_from"] != result["measured_on"]:
         lines.append(f"note: learned from {result['learned_from']}, measured on other demonstrations")
     lines.append(f"measured on {result['measured_on']}")
-    some = measured(result["per_demo"])
-    lines.append(f"demo    dtw_cm  frechet_cm  goal_cm{_names(some)}  energy_increase  limit_margin_rad")
-    for name, e in [(str(e["demo"]), e) for e in result["per_demo"]] + [("mean", result["mean"])]:
-        lines.append(
-            f"{name:<6}{_number(e['dtw_cm'], 8)}{_number(e['frechet_cm'], 12)}{_number(e['goal_cm'], 9, 3)}"
-            f"{_cells(e, some)}{e['energy_increase']:>17.1e}{e['limit_margin_rad']:>18.3f}"
-        )
+    some = [*_PLACES, *measured(result["per_demo"])]
+    rows = [
+        [name, *(_number(e, key) for key in some), f"{e['energy_increase']:.1e}", f"{e['limit_margin_rad']:.3f}"]
+        for name, e in [(str(e["demo"]), e) for e in result["per_demo"]] + [("mean", result["mean"])]
+    ]
+    lines += aligned(["demo", *some, "energy_increase", "limit_margin_rad"], rows)
+    if all(e["goal_cm"] is None for e in result["per_demo"]):
+        lines.append("a turn alone was learned, which has no place: no distances in cm")
     for e in result["per_demo"]:
         if names := e["rests_away_from"]:
             lines.append(f"demo {e['demo']} comes to rest more than 1 cm away from the goal of {', '.join(names)}")

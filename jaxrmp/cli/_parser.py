@@ -67,7 +67,9 @@ _COMMANDS: dict[str, tuple[str, str, str, list[tuple[str, dict[str, Any]]]]] = {
         "configs/drawer_closing.toml --out out/drawer --metric.updates 500",
         [
             _argument("CONFIG", "TOML configuration, such as configs/drawer_closing.toml"),
-            _argument("--demos DIR", _DEMOS + "$JAXRMP_DATA/franka/NAME if set, else synthetic", type=str),
+            _argument(
+                "--demos DIR", _DEMOS + "$JAXRMP_DATA/franka/NAME or poses/NAME.npz if set, else synthetic", type=str
+            ),
             *_RECORDED,
             _argument("--out DIR", "output folder, default out/NAME"),
             _argument("--validate", "learn with each demonstration left out in turn too, and reproduce that one"),
@@ -118,6 +120,10 @@ _COMMANDS: dict[str, tuple[str, str, str, list[tuple[str, dict[str, Any]]]]] = {
             _argument("--limit S", "seconds a trial may take", 30.0),
             _argument("--strict", "exit with 1 if a trial fails or diverges"),
             _argument("--interface", "of the arm", "torque", choices=("torque", "velocity", "position")),
+            _argument(
+                "--detour",
+                "look ahead for a way round the scene's obstacles before each trial, and lead the hand by it",
+            ),
             _argument("--learned-rate HZ", "evaluate learned leaves this often and hold"),
             _argument(
                 "--tracker",

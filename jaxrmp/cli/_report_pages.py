@@ -69,6 +69,7 @@ def learning_page(
         _page.pictures(figures),
         heading("Demonstrations as they were read"),
         paragraph(f"How they agree: {report['families']['text']}"),
+        paragraph(f"The robot and itself: {report['self_clearance']['text']}."),
         records(
             enumerate(report["demonstrations"]),
             {

@@ -5,18 +5,22 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 
 from .. import learning, simulation, visualization
 from .._errors import ConfigurationError, RolloutError
-from ..policies import whole_arm_policy
+from .._pytree import single
+from ..policies import FoundDetour, find_detour, whole_arm_policy
 from ..scenes import Scene
-from ._output import made_by, progress_bar, tell, write_json
+from ._output import aligned, made_by, progress_bar, tell, write_json
 from ._report_pages import FIGURES, pictures_in, run_page
 from ._sources import demonstrations_of, scene_of
 
 # The options, besides the tracker's, that decide what happens.
-_DECISIVE = ("scene", "trial", "trials", "displace", "seed", "limit", "interface", "learned_rate")
+_DECISIVE = ("scene", "trial", "trials", "displace", "seed", "limit", "interface", "learned_rate", "detour")
+_AHEAD = 10.0  # s that a look ahead is long, at most
 
 
 def run(arguments: argparse.Namespace, rest: list[str]) -> None:
@@ -43,10 +47,15 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
             trials = [trials[arguments.trial]]
         if scene.hand:
             scene = replace(scene, T_object_hand=learning.demonstrated_end(prepared, scene.robot, scene.hand))
+        policy = whole_arm_policy(skill, scene.robot)
+        if arguments.detour:
+            progress("looking ahead", 0.0)
+        ways = _detours(policy, scene, trials, min(_AHEAD, arguments.limit)) if arguments.detour else None
         result = simulation.run_trials(
             scene,
-            whole_arm_policy(skill, scene.robot),
+            policy,
             trials,
+            aside=ways and ways.aside,
             limit=arguments.limit,
             tracker=_tracker(arguments, skill),
             interface=arguments.interface,
@@ -57,6 +66,7 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
         )
         paths = path_errors(result, skill, prepared)
         report = report_dict(result, arguments.trial or 0, paths)
+        report["detours"] = ways and _ways(ways)
         if arguments.json:
             write_json(report, arguments.json)
         if arguments.video:
@@ -85,6 +95,23 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
         raise RolloutError(
             f"--strict: {len(failed)} of {len(trials)} trials did not succeed: {failed}. Replay one with --trial K."
         )
+
+
+def _detours(policy: Any, scene: Scene, trials: Sequence[simulation.Trial], duration: float) -> FoundDetour | None:
+    """A way round what the policy is told to avoid in each of `trials`, stacked; None, told, where that is nothing."""
+    worlds = jax.tree.map(lambda *a: jnp.stack(a), *(single(scene.at(trial).obstacles()) for trial in trials))
+    if not scene.at(trials[0]).obstacles().size:
+        tell(f"--detour: scene {scene.name!r} tells the policy of no obstacles, so there is nothing to look for.")
+        return None
+    q, T = (jnp.asarray(part, jnp.float32) for part in ([t.q for t in trials], [t.T_world_object for t in trials]))
+    return jax.jit(jax.vmap(lambda q, T, world: find_detour(policy, q, T, world, duration=duration)))(q, T, worlds)
+
+
+def _ways(found: FoundDetour) -> list[dict[str, Any]]:
+    """What was found for each trial, as JSON has it: `strength` 0 is no detour."""
+    parts = zip(found.aside.strength, found.aside.lean, found.left, found.clearance, strict=True)
+    keys = ("strength_n", "lean_m", "left_m", "clearance_m")
+    return [dict(zip(keys, (np.asarray(part).tolist() for part in of), strict=True)) for of in parts]
 
 
 def _figures(
@@ -137,7 +164,7 @@ def report_dict(result: simulation.Run, first: int = 0, paths: Paths | None = No
     the mean of that."""
     paths = paths or [None] * len(result.outcomes)
     compared = [path for path in paths if path is not None]
-    mean = {name: float(np.mean([path[name] for path in compared])) for name in ("dtw_cm", "frechet_cm")}
+    mean = {name: sum(path[name] for path in compared) / max(len(compared), 1) for name in ("dtw_cm", "frechet_cm")}
     per_trial = [
         {
             "trial": first + k,
@@ -155,16 +182,23 @@ def report_dict(result: simulation.Run, first: int = 0, paths: Paths | None = No
 
 def outcome_table(report: dict[str, Any]) -> str:
     """All trials as a table, a line each, and what to know about torques and speeds."""
-    lines = ["trial  success  error_mm  angle_deg  clearance_mm  time_s  dtw_cm  frechet_cm  reason"]
+    head = ["trial", "success", "error_mm", "angle_deg", "clearance_mm", "time_s", "dtw_cm", "frechet_cm", "reason"]
+    rows = []
     for trial in report["per_trial"]:
         path = trial["path"]
-        dtw, frechet = (f"{path[name]:.2f}" if path else "-" for name in ("dtw_cm", "frechet_cm"))
-        angle = "-" if np.isnan(trial["final_angle_deg"]) else f"{trial['final_angle_deg']:.1f}"
-        lines.append(
-            f"{trial['trial']:>5}{'yes' if trial['success'] else 'no':>9}{1000 * trial['final_error_m']:>10.1f}"
-            f"{angle:>11}{1000 * trial['min_clearance_m']:>14.1f}{trial['time_s']:>8.1f}{dtw:>8}{frechet:>12}  "
-            f"{trial['reason']}"
+        rows.append(
+            [
+                str(trial["trial"]),
+                "yes" if trial["success"] else "no",
+                f"{1000 * trial['final_error_m']:.1f}",
+                "-" if np.isnan(trial["final_angle_deg"]) else f"{trial['final_angle_deg']:.1f}",
+                f"{1000 * trial['min_clearance_m']:.1f}",
+                f"{trial['time_s']:.1f}",
+                *(f"{path[name]:.2f}" if path else "-" for name in ("dtw_cm", "frechet_cm")),
+                trial["reason"],
+            ]
         )
+    lines = aligned(head, rows, of_words=1)
     if saturated := [t for t in report["per_trial"] if t["saturated"] > 0]:
         worst = max(saturated, key=lambda t: t["saturated"])
         joints = sorted({joint for t in saturated for joint in t["saturated_joints"]})
@@ -180,6 +214,8 @@ def outcome_table(report: dict[str, Any]) -> str:
             f"{report['trials_compared']} trials start as a demonstration did; their ways are {mean['dtw_cm']:.2f} cm "
             f"(DTW) and {mean['frechet_cm']:.2f} cm (Frechet) from it in the mean"
         )
+    else:
+        lines.append("no trial starts as a demonstration did: there is no way to compare (dtw_cm, frechet_cm)")
     lines.append(f"{report['successes']} of {report['trials']} trials succeeded in scene {report['scene']}")
     return "\n".join(lines)
 

@@ -78,12 +78,15 @@ def scene_of(named: str, skill: Skill) -> Scene:
 def default_demonstrations(skill: str) -> str:
     """Where the demonstrations of a skill are by default, as named on the command line.
 
-    The folder franka/SKILL of $JAXRMP_DATA if that is set, else the scripted demonstrator's.
+    The folder franka/SKILL of $JAXRMP_DATA if that is set, or the file poses/SKILL.npz, else the scripted
+    demonstrator's.
     """
     data = os.environ.get("JAXRMP_DATA")
     synthetic = SYNTHETIC + skill if skill in SYNTHETIC_TASKS else None
     if data:
-        folder = Path(data) / "franka" / skill
+        folder, poses = Path(data) / "franka" / skill, Path(data) / "poses" / f"{skill}.npz"
+        if poses.is_file() and not folder.is_dir():
+            return str(poses.resolve())
         if not folder.is_dir():
             raise DemonstrationError(
                 f"JAXRMP_DATA is set, but there is no folder {str(folder)!r}. Correct it, unset it, or say where the "

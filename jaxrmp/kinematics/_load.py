@@ -2,13 +2,15 @@
 
 import os
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from .._errors import RobotError, UnsafeFileWarning
+from .._errors import RobotError, UnknownNameError, UnsafeFileWarning
+from .._ranges import require_number
 from .._rotations import rotation_of_quaternion
 from ._arranged import mounted, with_tool
 from ._branch import keep_branch
@@ -35,6 +37,8 @@ def load_robot(
     tools: Mapping[str, tuple[str, Any]] | None = None,
     name: str | None = None,
     packages: Mapping[str, str | os.PathLike] | None = None,
+    ignore: Mapping[str, Sequence[str]] | None = None,
+    cover_error: float | None = None,
 ) -> Robot:
     """Read a robot from the MJCF or URDF file at `path`, or from a TOML file that names one (docs/guides/new_robot.md).
 
@@ -51,7 +55,9 @@ def load_robot(
     `mount` [4, 4], where the base stands in the world, m, by default as in the file; `tools`, frames to add, as name to
     frame and pose in it [4, 4]; `name`, the robot's name, by default the model's own; `packages`, folders of ROS
     packages by name, for the meshes of `package://NAME/...` when the robot's geometry is asked for: others are looked
-    for from the file upwards and in ROS_PACKAGE_PATH.
+    for from the file upwards and in ROS_PACKAGE_PATH; `ignore`, for a frame with geometry those that it may touch, and
+    `cover_error`, how far the spheres that cover the robot may stick out of its geometry, m: both for policies that
+    avoid collisions of the robot with itself, see `world.own_spheres` and `own_self_pairs`.
     **Returns** a `Robot`. Position limits are read by the format's own rule: in URDF `lower` and `upper` are 0 where
     they are absent, and a continuous joint has none. Velocity limits come from URDF's `limit velocity`; where there is
     none they are infinite, with an `UnsafeFileWarning` if the `limit` leaves it out or it is not positive.
@@ -62,15 +68,31 @@ def load_robot(
     """
     if Path(path).suffix == ".toml":
         described = read_robot_file(path)
-        for key, more in (("fixed", fixed), ("tools", tools), ("packages", packages)):
+        for key, more in (("fixed", fixed), ("tools", tools), ("packages", packages), ("ignore", ignore)):
             described[key] = {**described.get(key, {}), **(more or {})}
-        given = {"root": root, "mount": mount, "name": name}
+        given = {"root": root, "mount": mount, "name": name, "cover_error": cover_error}
         return load_robot(**(described | {key: value for key, value in given.items() if value is not None}))
     text, folders = read_text(path), tuple(require_folders(packages).items())
     robot = _robot_of(text, str(path), fixed, name, root, Path(path), folders)
+    if ignore or cover_error is not None:
+        robot = _with_cover(robot, ignore or {}, cover_error)
     for tool, (frame, T) in (tools or {}).items():
         robot = with_tool(robot, tool, frame, T)
     return robot if mount is None else mounted(robot, mount)
+
+
+def _with_cover(robot: Robot, ignore: Mapping[str, Sequence[str]], cover_error: float | None) -> Robot:
+    """The `robot` with what is said of its collisions with itself; **raises** as `load_robot`."""
+    pairs = []
+    for frame, others in ignore.items():
+        if isinstance(others, str) or not isinstance(others, Sequence):
+            raise RobotError(f"ignore.{frame} is {others!r}, expected a list of the frames that it may touch.")
+        pairs += [(frame, str(other)) for other in others]
+    for frame in (frame for pair in pairs for frame in pair):
+        UnknownNameError.check("frame in ignore", frame, robot.frame_names)
+    require_number("load_robot", "cover_error", cover_error)
+    model = replace(robot.model, ignore=tuple(pairs), cover_error=float(cover_error or 0.0))
+    return replace(robot, model=model)
 
 
 def load_robot_from_string(

@@ -54,11 +54,11 @@ def place_meshes(
                 else:
                     raise RobotError(
                         f"{source}: the {kind} mesh {reference!r} of link {link.get('name')!r} is not there. "
-                        f"{advice(reference)}."
+                        f"{advice(reference, source)}."
                     )
     if lacking:
         warnings.warn(
-            f"{source}: visual meshes are not there and left out: {', '.join(lacking)}. {advice(lacking[0])}.",
+            f"{source}: visual meshes are not there and left out: {', '.join(lacking)}. {advice(lacking[0], source)}.",
             FileWarning,
             stacklevel=4,
         )

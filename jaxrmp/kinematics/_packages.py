@@ -8,6 +8,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from .._errors import RobotError
+from ._robot_file import line_of_robot_file, toml_key
 
 
 def find_mesh(reference: str, folder: Path, packages: Mapping[str, str], mesh_folder: str = "") -> Path | None:
@@ -38,14 +39,15 @@ def require_folders(packages: Mapping[str, str | os.PathLike] | None) -> dict[st
     return {name: str(Path(folder).resolve()) for name, folder in (packages or {}).items()}
 
 
-def advice(reference: str) -> str:
-    """What to do about a mesh that is not there."""
+def advice(reference: str, source: str) -> str:
+    """What to do about a mesh of the file `source` that is not there."""
     scheme = re.match(r"(package|model)://([^/]*)", reference)
     if scheme is None:
         return "Put it there, beside the file"
+    said = line_of_robot_file(f'{toml_key("packages", scheme[2])} = "FOLDER"', source)
     return (
-        f"Say where the package is, packages={{{scheme[2]!r}: folder}}, name the folder above it in ROS_PACKAGE_PATH, "
-        "or put the robot's file into it"
+        f"Say where the package is: {said}; in Python, load_robot(path, packages={{{scheme[2]!r}: folder}}). Or name "
+        "the folder above it in ROS_PACKAGE_PATH, or put the robot's file into it"
     )
 
 

@@ -67,6 +67,9 @@ class KinematicModel:
     source: str | None = dataclasses.field(default=None, compare=False)
     # Folders of the ROS packages that it names, as far as they were given; as above.
     packages: tuple[tuple[str, str], ...] = dataclasses.field(default=(), compare=False)
+    # Pairs of its frames that may touch; how far spheres that cover it may stick out, m, 0 where not said; as above.
+    ignore: tuple[tuple[str, str], ...] = dataclasses.field(default=(), compare=False)
+    cover_error: float = dataclasses.field(default=0.0, compare=False)
 
     @functools.cached_property
     def fingerprint(self) -> str:

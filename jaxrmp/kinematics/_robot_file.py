@@ -1,6 +1,8 @@
 """A robot as a TOML file: which file it is read from, which part of it, where it stands and what it holds."""
 
+import json
 import os
+import re
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -10,15 +12,16 @@ import numpy as np
 from .._errors import RobotError, UnknownNameError
 from .._rotations import pose, rotation_of_vector
 
-_KEYS = ("file", "name", "root", "fixed", "mount", "tools", "packages")
+_KEYS = ("file", "name", "root", "fixed", "mount", "tools", "packages", "ignore", "cover_error")
+_NUMERIC = ("mount", "cover_error")
 
 
 def read_robot_file(path: str | os.PathLike) -> dict[str, Any]:
     """The arguments of `load_robot` that the TOML file at `path` has, its `path` among them.
 
-    `file`, MJCF or URDF, found from the TOML file's folder; optional `name`, `root`, `packages` and `fixed`, as
-    `load_robot` has them; `mount`, where the base stands, and `[tools.NAME]` with `frame` and `pose`. A pose is
-    `[x, y, z]` or `[x, y, z, roll, pitch, yaw]`, m and rad, as URDF's `xyz` and `rpy`.
+    `file`, MJCF or URDF, found from the TOML file's folder; optional `name`, `root`, `packages`, `fixed`, `ignore` and
+    `cover_error`, as `load_robot` has them; `mount`, where the base stands, and `[tools.NAME]` with `frame` and `pose`.
+    A pose is `[x, y, z]` or `[x, y, z, roll, pitch, yaw]`, m and rad, as URDF's `xyz` and `rpy`.
     **Raises** `RobotError` for a file that is not so.
     """
     try:
@@ -29,15 +32,17 @@ def read_robot_file(path: str | os.PathLike) -> dict[str, Any]:
         UnknownNameError.check(f"key in {path}", key, _KEYS)
     for key in _KEYS:
         kind, what = (str, "a string") if key in ("file", "name", "root") else (dict, "a table")
-        if key != "mount" and not isinstance(content.get(key, kind()), kind):
+        if key not in _NUMERIC and not isinstance(content.get(key, kind()), kind):
             raise RobotError(f"{path}: {key} is {content[key]!r}, expected {what}.")
     if not content.get("file") or Path(content["file"]).suffix == ".toml":
         raise RobotError(f"{path}: file is {content.get('file')!r}, expected the path of an MJCF or URDF file.")
     for name, place in content.get("packages", {}).items():
         if not isinstance(place, str):
             raise RobotError(f"{path}: packages.{name} is {place!r}, expected a folder.")
+    if type(fineness := content.get("cover_error", 1.0)) not in (int, float):
+        raise RobotError(f"{path}: cover_error is {fineness!r}, expected a length, m.")
     folder = Path(path).parent
-    found = {key: content[key] for key in ("name", "root", "fixed") if key in content}
+    found = {key: content[key] for key in ("name", "root", "fixed", "ignore", "cover_error") if key in content}
     found["path"] = folder / content["file"]
     found["packages"] = {name: folder / place for name, place in content.get("packages", {}).items()}
     if "mount" in content:
@@ -48,6 +53,20 @@ def read_robot_file(path: str | os.PathLike) -> dict[str, Any]:
             raise RobotError(f"{path}: tools.{name} is {tool!r}, expected a table with frame and pose.")
         tools[name] = tool["frame"], pose_of_numbers(tool["pose"], f"{path}: tools.{name}.pose")
     return found | {"tools": tools}
+
+
+def toml_key(table: str, name: str) -> str:
+    """How TOML names the entry `name` of a `table`."""
+    return f"{table}.{name if re.fullmatch('[A-Za-z0-9_-]+', name) else json.dumps(name)}"
+
+
+def line_of_robot_file(line: str, source: str | None) -> str:
+    """How to say `line`, of TOML, of the robot of the MJCF or URDF file `source`, in words for an advice."""
+    file = Path(source).resolve() if source else Path("ROBOT.urdf")
+    return (
+        f'`{line}` in a robot file, {file.stem}.toml with the line `file = "{file.as_posix()}"`, which configurations '
+        "take as robot and commands as --robot"
+    )
 
 
 def pose_of_numbers(numbers: Any, what: str) -> np.ndarray:

@@ -11,6 +11,7 @@ from ._robot import Body, Frame, Joint, KinematicModel, Robot
 
 _HERE = Path(__file__).parent
 _KEYS = ("name", "joint_names", "bodies", "joints", "frames", "source", "packages", "lower", "upper", "velocity")
+_COVER = ("ignore", "cover_error")  # which a record has only where they were said
 _LIMITS = {"lower": -math.inf, "upper": math.inf, "velocity": math.inf}  # and what there is where there is none
 _NUMBERS = {"position": 3, "rotation": 9, "axis": 3, "anchor": 3}
 
@@ -51,12 +52,13 @@ def record_to_dict(record: RobotRecord) -> dict[str, Any]:
         content[key] = [part._asdict() for part in getattr(model, key)]
     for (key, none), limit in zip(_LIMITS.items(), limits, strict=True):
         content[key] = [None if value == none else value for value in limit]
-    return content | {"packages": dict(model.packages)}
+    cover = {"ignore": [list(pair) for pair in model.ignore], "cover_error": model.cover_error}
+    return content | {"packages": dict(model.packages)} | {key: value for key, value in cover.items() if value}
 
 
 def record_from_dict(content: dict[str, Any]) -> RobotRecord:
     """The record of the `content` that `record_to_dict` made. **Raises** `RobotError` for what that would not make."""
-    if not isinstance(content, dict) or set(content) != set(_KEYS):
+    if not isinstance(content, dict) or set(content) - set(_COVER) != set(_KEYS):
         raise RobotError(f"a robot's record has {sorted(content)}, expected {sorted(_KEYS)}.")
     try:
         bodies, joints, frames = (
@@ -70,7 +72,9 @@ def record_from_dict(content: dict[str, Any]) -> RobotRecord:
         source = content["source"]
         source = None if source is None else str(Path(_HERE.resolve(), source))
         packages = tuple(content["packages"].items())
-        model = KinematicModel(content["name"], names, bodies, joints, frames, source, packages)
+        ignore = tuple((str(a), str(b)) for a, b in content.get("ignore", ()))
+        cover = ignore, float(content.get("cover_error", 0.0))
+        model = KinematicModel(content["name"], names, bodies, joints, frames, source, packages, *cover)
         record = RobotRecord(model, *limits)
         _check(record)
     except (AttributeError, KeyError, TypeError, ValueError) as error:

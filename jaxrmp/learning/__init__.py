@@ -50,6 +50,8 @@ from ._metric_training import MetricFit as MetricFit
 from ._metric_training import train_metrics as train_metrics
 from ._nominal import nominal_demonstration as nominal_demonstration
 from ._on_robot import on_robot as on_robot
+from ._own_clearance import OwnClearance as OwnClearance
+from ._own_clearance import own_clearance as own_clearance
 from ._path_files import is_paths as is_paths
 from ._path_files import load_paths as load_paths
 from ._pose_demonstrations import PoseDemonstration as PoseDemonstration

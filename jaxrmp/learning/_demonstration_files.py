@@ -16,7 +16,7 @@ from .._files import names_in_npz
 from .._rotations import pose
 from ._demonstration_tables import read_arrays, read_table
 from ._demonstrations import JOINT_UNITS, Demonstration, DemonstrationSet, check_demonstration, check_poses
-from ._recording import RecordingSettings, chosen_episodes, name_columns, stated
+from ._recording import Open, RecordingSettings, chosen_episodes, name_columns, stated
 
 NAME = re.compile(r"demo_(\d+)\.(npz|csv)")
 _READ = {"robot", "joint_names", "units", "num_demos", "objects", "source", "notes"}
@@ -56,7 +56,7 @@ def read_folder(folder: Path, recording: RecordingSettings, told: list[str]) -> 
         demonstrations.append(demonstration)
     names = name_columns(["joints"], {"joints": joint_names or ()}, recording, None, folder, told)
     said = _units(meta, folder / "meta.json")
-    units = stated(recording, "units", said, JOINT_UNITS, folder / "meta.json")
+    (units,) = stated(recording, folder / "meta.json", units=Open(said, JOINT_UNITS))
     if unread := sorted(set(meta) - _READ):
         told.append(f"{unread} of meta.json are not read; {sorted(_READ)} are.")
     arrays = names_in_npz(chosen[0]) if chosen[0].suffix == ".npz" else ()

@@ -17,6 +17,7 @@ _STEP = 0.1  # m, the largest way of the hand in a step
 _DAMPING = 2e-3  # m/rad, so that near a singularity joints stay where they are
 _PULL = 0.05  # of the way to the middle of the joints' ranges, a step, where it does not move the hand
 _MARGIN = 0.03  # rad or m that joints keep from their limits
+_FAR, _TURNED = 1e-3, np.deg2rad(0.5)  # m and rad that the hand may be off a pose
 
 
 class Followed(NamedTuple):
@@ -27,9 +28,15 @@ class Followed(NamedTuple):
     position: np.ndarray
     turn: np.ndarray
 
+    @property
+    def arrives(self) -> np.ndarray:
+        """Whether the hand is within 1 mm and half a degree of each pose, [N, T]."""
+        return (self.position <= _FAR) & (self.turn <= _TURNED)
+
 
 def follow_poses(robot: Robot, frame: str, poses: np.ndarray, start: np.ndarray) -> Followed:
-    """The joints that take `frame` of `robot` along `poses` [N, T, 4, 4], in the world of its model, from `start` [n].
+    """The joints that take `frame` of `robot` along `poses` [N, T, 4, 4], in the world of its model, from `start`, [n]
+    for all or [N, n].
 
     Newton's steps by damped least squares, where what does not move the hand leads to the middle of the joints' ranges.
     A joint that would leave its range stays, and the others do without it. The first sample of each path is sought from
@@ -38,13 +45,14 @@ def follow_poses(robot: Robot, frame: str, poses: np.ndarray, start: np.ndarray)
     Siciliano et al., Robotics: Modelling, Planning and Control, section 3.7.
     """
     with jax.enable_x64(True):
-        found = _follow(robot, jnp.asarray(poses), jnp.asarray(start, float), frame=frame)
+        starts = jnp.broadcast_to(jnp.asarray(start, float), (len(poses), robot.num_joints))
+        found = _follow(robot, jnp.asarray(poses), starts, frame=frame)
         return Followed(*map(np.asarray, found))
 
 
 @partial(jax.jit, static_argnames="frame")
-def _follow(robot: Robot, poses: jax.Array, start: jax.Array, *, frame: str):
-    lower, upper = (jnp.asarray(limit, start.dtype) for limit in (robot.lower, robot.upper))
+def _follow(robot: Robot, poses: jax.Array, starts: jax.Array, *, frame: str):
+    lower, upper = (jnp.asarray(limit, starts.dtype) for limit in (robot.lower, robot.upper))
     limited = jnp.isfinite(upper - lower)
     margin = jnp.where(upper - lower > 4 * _MARGIN, _MARGIN, 0.0)
     lower, upper = lower + margin, upper - margin
@@ -73,7 +81,7 @@ def _follow(robot: Robot, poses: jax.Array, start: jax.Array, *, frame: str):
     def to(q, T, steps):
         return jax.lax.fori_loop(0, steps, lambda _, q: step(q, T), q)
 
-    def one(T):
+    def one(T, start):
         def follow(q, T):
             q = to(q, T, _NEXT)
             e = miss(q, T)
@@ -81,4 +89,4 @@ def _follow(robot: Robot, poses: jax.Array, start: jax.Array, *, frame: str):
 
         return jax.lax.scan(follow, to(jnp.clip(start, lower, upper), T[0], _FIRST), T)[1]
 
-    return jax.vmap(one)(poses)
+    return jax.vmap(one)(poses, starts)

@@ -21,6 +21,7 @@ from ._flow_training import check_stretch
 from ._hand_flow import HandFlow
 from ._learn_flow import FlowLearning, flow_lesson, learn_flow, led_along
 from ._learn_paper import PaperLearning, learn_paper
+from ._own_clearance import OwnClearance, own_clearance
 from ._prepare import PreparedDemonstrations, control_point_frames, control_point_names, demonstrated_end, prepare
 from ._reproduce import Reproduction, compile_ahead, reproduce, rollout_duration
 from ._skill import Skill, joint_leaves, mean_pose, rigid_targets
@@ -33,12 +34,14 @@ _GOAL_TURN = 2.0  # degrees, where it has no place
 
 class Learning(NamedTuple):
     """A learned `skill` and how it was learned: from `prepared` demonstrations, whose `agreement` is what `families`
-    finds; by the `paper`'s steps or a `flow`, the other None; its `reproduction` of them, if it was needed to judge it,
-    else None; `why` that method, in words where it was chosen; and `seconds` by step."""
+    finds, and `clearance` of the robot from itself `own_clearance`; by the `paper`'s steps or a `flow`, the other None;
+    its `reproduction` of them, if it was needed to judge it, else None; `why` that method, in words where it was
+    chosen; and `seconds` by step."""
 
     skill: Skill
     prepared: PreparedDemonstrations
     agreement: Families
+    clearance: OwnClearance
     paper: PaperLearning | None
     flow: FlowLearning | None
     reproduction: Reproduction | None
@@ -64,7 +67,8 @@ def learn(
     unless a subtask is a whole hand or the tempo is the demonstrated one. A flow passes if it stretches space nowhere
     on the demonstrations beyond what rollouts can follow, and if all of them, reproduced by the whole policy, end at
     the goal, with an energy that does not rise. Before, a `FileWarning` says which demonstrations disagree, as
-    `families` finds, and of a tempo that is to be learned, when demonstrations pause, and for how long.
+    `families` finds, in which the robot overlaps itself, as `own_clearance` does, and of a tempo that is to be learned,
+    when demonstrations pause, and for how long.
 
     **Arguments**: `configuration`; `robot`, with the demonstrations' joints in the same order; `demonstrations`;
     `progress`, called with the name of a step and the fraction of it that is done.
@@ -89,6 +93,7 @@ def learn(
     if not agreement.agree:
         warnings.warn(f"{demonstrations.source}: {agreement}", FileWarning, stacklevel=2)
     tell_pauses(configuration, demonstrations.source, prepared)
+    clearance = own_clearance(robot, prepared.joints.q, bool(configuration.poses.start))
     lap("preprocessing")
     why = "asked for"
     if configuration.method != "paper":
@@ -110,7 +115,7 @@ def learn(
             lap("gate")
             _check(reproduction)
             why = "asked for" if configuration.method == "flow" else "it passes all checks"
-            return Learning(skill, prepared, agreement, None, flow, reproduction, why, seconds)
+            return Learning(skill, prepared, agreement, clearance, None, flow, reproduction, why, seconds)
         except JaxrmpError as error:
             if configuration.method == "flow" or configuration.of_hand:
                 raise
@@ -126,7 +131,7 @@ def learn(
     paper = learn_paper(configuration, prepared.subtasks, progress)
     lap("paper")
     skill = _skill(configuration, robot, demonstrations, prepared, paper.learned, None)
-    return Learning(skill, prepared, agreement, paper, None, None, why, seconds)
+    return Learning(skill, prepared, agreement, clearance, paper, None, None, why, seconds)
 
 
 def tell_pauses(configuration: Configuration, source: str, prepared: PreparedDemonstrations) -> None:

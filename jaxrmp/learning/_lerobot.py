@@ -10,7 +10,7 @@ import numpy as np
 from .._errors import DemonstrationError, importing
 from ..kinematics import Robot
 from ._demonstrations import JOINT_UNITS, Demonstration, DemonstrationSet, check_demonstration
-from ._recording import RecordingSettings, choose_groups, chosen_episodes, in_natural_order, name_columns, stated
+from ._recording import Open, RecordingSettings, choose_groups, chosen_episodes, in_natural_order, name_columns, stated
 
 INFO = Path("meta") / "info.json"
 _USUAL = "observation.state"
@@ -73,7 +73,7 @@ def read_lerobot(folder: Path, recording: RecordingSettings, robot: Robot | None
             "recording.episodes."
         )
     said = f"joint values from {q.min():.4g} to {q.max():.4g}" if q.size else ""
-    units = stated(recording, "units", "", JOINT_UNITS, folder, said)
+    (units,) = stated(recording, folder, units=Open("", JOINT_UNITS, said))
     left_out = [key for key in features if key not in chosen and not key.endswith("index") and key != "timestamp"]
     return DemonstrationSet(
         tuple(demonstrations),

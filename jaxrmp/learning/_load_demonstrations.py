@@ -97,16 +97,23 @@ def _read(
 def _followed(
     path: Path, recording: RecordingSettings, robot: Robot | None, base: str, poses: PoseSettings
 ) -> DemonstrationSet:
-    """The poses at `path` as `robot` follows them."""
+    """The poses at `path` as `robot` follows them. **Raises** `DemonstrationError`, for all that is missing at once."""
+    missing = ""
     if robot is None or not poses.start:
-        raise DemonstrationError(
+        missing = (
             f"{path} holds poses of a hand and no joints. Say with which robot and how they are followed: learn with a "
             f"configuration that has a section such as\n\n{example(robot)}\n\nor, in Python, give `robot` and "
             "`poses`; learning.load_poses reads them as they are."
         )
-    if not poses.frame:
-        raise DemonstrationError(f"{path} holds poses of a hand: say of which frame of {robot.name!r}, poses.frame.")
-    return on_robot(load_poses(path, recording), robot, poses.frame, poses.posture(robot), base, poses.place)
+    elif not poses.frame:
+        missing = f"{path} holds poses of a hand: say of which frame of {robot.name!r}, poses.frame."
+    try:
+        read = load_poses(path, recording)
+    except DemonstrationError as error:
+        raise DemonstrationError(f"{missing} {error}".strip()) from error
+    if missing or robot is None:
+        raise DemonstrationError(missing)
+    return on_robot(read, robot, poses.frame, poses.posture(robot), base, poses.place)
 
 
 def _one_of(path: Path, name: str, others: list[str]) -> None:

@@ -9,13 +9,12 @@ import numpy as np
 
 from .._errors import DemonstrationError, FileWarning, ShapeError, UnknownNameError
 from ..kinematics import Robot, forward_kinematics
+from ._clear_branch import follow_clear
 from ._demonstrations import Demonstration, DemonstrationSet
-from ._follow_poses import follow_poses
 from ._pose_demonstrations import PoseDemonstrationSet
 from ._pose_settings import Place
 from ._skill import mean_pose
 
-_FAR, _TURNED = 1e-3, np.deg2rad(0.5)  # m and rad that the hand may be off a pose
 _TILTED = 5.0  # degrees, from which on a placement that tilts is told
 
 
@@ -33,6 +32,8 @@ def on_robot(
     near which the first sample of each demonstration is sought; `base`, the robot's frame in which poses are; `place`,
     "recorded", poses are there as they were recorded, or "start", all are moved as one, objects with them, so that the
     mean of their first samples is where the frame is at `start`. A `FileWarning` tells if that tilts them.
+    Where the arm would overlap itself, by the spheres that `whole_arm_policy` keeps apart, it is bent otherwise if that
+    helps, nearest to `start`, and a `FileWarning` tells it.
     **Returns** a `DemonstrationSet` of the robot's joints, within their limits, at the same times.
     **Raises** `DemonstrationError`, by demonstration and sample, for a pose that is missed by more than 1 mm or half a
     degree; `UnknownNameError` for a frame that is not there or another place; `ShapeError` for a start that is not [n].
@@ -57,8 +58,8 @@ def on_robot(
     most = max(len(d.time) for d in poses)
     rows = [np.minimum(np.arange(most), len(d.time) - 1) for d in poses]  # ends wait for the longest
     wanted = np.stack([(T_world_base @ moved @ d.hand)[row] for d, row in zip(poses, rows, strict=True)])
-    found = follow_poses(robot, frame, wanted, start)
-    missed = ~((found.position <= _FAR) & (found.turn <= _TURNED))
+    found = follow_clear(robot, frame, wanted, start, poses.source)
+    missed = ~found.arrives
     if missed.any():
         k, i = (int(at[0]) for at in np.nonzero(missed))
         at = (np.linalg.inv(T_world_base) @ wanted[k, i])[:3, 3]

@@ -12,7 +12,7 @@ from .._files import names_in_npz
 from ._demonstration_files import numbered_files, read_meta
 from ._demonstration_tables import object_poses, read_arrays, read_numbers
 from ._pose_demonstrations import PoseDemonstration, PoseDemonstrationSet
-from ._recording import METRES, QUATERNIONS, RecordingSettings, chosen_episodes, in_natural_order, stated
+from ._recording import METRES, QUATERNIONS, Open, RecordingSettings, chosen_episodes, in_natural_order, stated
 
 _POSITION, _QUATERNION = ("positions", "position"), ("quaternions", "quaternion")
 _HEADER = ("x", "y", "z", "qw", "qx", "qy", "qz")
@@ -50,12 +50,15 @@ def load_poses(path: str | os.PathLike, recording: RecordingSettings | None = No
     else:
         found = [(f"{path}, demonstration {k}", *entry) for k, entry in _all_in_one(path, recording)]
     largest = max(float(np.abs(position).max(initial=0.0)) for _, _, position, _, _, _ in found)
-    said = str(meta.get("units", ""))
-    scale = METRES[stated(recording, "units", said, tuple(METRES), path, f"the largest coordinate is {largest:.4g}")]
+    asked = {"units": Open(str(meta.get("units", "")), tuple(METRES), f"the largest coordinate is {largest:.4g}")}
+    if not all(order for *_, order, _ in found):  # columns with names say it themselves
+        asked["quaternion"] = Open(str(meta.get("quaternion", "")), QUATERNIONS)
+    units, *turn = stated(recording, path, **asked)
+    scale = METRES[units]
     told = []
     demonstrations = []
     for where, time, position, quaternion, order, poses in found:
-        order = order or stated(recording, "quaternion", str(meta.get("quaternion", "")), QUATERNIONS, path)
+        order = order or turn[0]
         if time is None or recording.rate:
             if not recording.rate:
                 told.append(f"there is no time: samples are taken {_RATE:g} a second. recording.rate says otherwise.")

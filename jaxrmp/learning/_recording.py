@@ -3,6 +3,7 @@
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 from .._errors import DemonstrationError, UnknownNameError
 from .._ranges import NonNegative, settings
@@ -36,18 +37,31 @@ class RecordingSettings:
         UnknownNameError.check("recording.quaternion", self.quaternion, ("", *QUATERNIONS))
 
 
-def stated(
-    recording: RecordingSettings, name: str, said: str, allowed: Sequence[str], where: object, hint: str = ""
-) -> str:
-    """The setting `name`, else what the file at `where` has `said`. **Raises** `DemonstrationError` for neither."""
-    value = str(getattr(recording, name) or said)
-    if value not in allowed:
-        problem = f"{name} {value!r} cannot be" if value else f"nothing says the {name}"
-        raise DemonstrationError(
-            f"{where}: {problem} of these recordings{f' ({hint})' * bool(hint)}. Say --{name} (recording.{name}) "
-            f"{' or '.join(allowed)}."
-        )
-    return value
+class Open(NamedTuple):
+    """A setting that a file may leave open: what it has `said` of it, what is `allowed`, a `hint` for who is asked."""
+
+    said: str
+    allowed: Sequence[str]
+    hint: str = ""
+
+
+def stated(recording: RecordingSettings, where: object, **settings: Open) -> tuple[str, ...]:
+    """Each of `settings`, by its name: as `recording` has it, else as the file at `where` has said.
+
+    **Raises** `DemonstrationError` that asks for all that neither says.
+    """
+    values = {name: str(getattr(recording, name) or of.said) for name, of in settings.items()}
+    asked = []
+    for name, (_, allowed, hint) in settings.items():
+        if (value := values[name]) not in allowed:
+            problem = f"{name} {value!r} cannot be" if value else f"nothing says the {name}"
+            asked.append(
+                f"{problem} of these recordings{f' ({hint})' * bool(hint)}. Say --{name} (recording.{name}) "
+                f"{' or '.join(allowed)}."
+            )
+    if asked:
+        raise DemonstrationError(f"{where}: {' And '.join(asked)}")
+    return tuple(values.values())
 
 
 def chosen_episodes(recording: RecordingSettings, numbers: Sequence[int], where: object) -> list[int]:

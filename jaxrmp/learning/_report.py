@@ -19,8 +19,8 @@ def learning_report(learning: Learning, validation: Validation | None = None) ->
     null. Per subtask, none for a flow: nominal demonstration, kernel width and all widths tried, solver status and
     objective, residual slope at the end before its correction, Hessian eigenvalues at the goal (1/m), share of samples
     that no metric can turn (beyond 90 degrees), basin, first and last loss. Of all demonstrations, how they agree
-    (`families`). Of its `validation`, `Validation.as_dict`, null if there was none. Lengths in metres, times in
-    seconds.
+    (`families`), and how close the robot comes to itself (`own_clearance`). Of its `validation`, `Validation.as_dict`,
+    null if there was none. Lengths in metres, times in seconds.
     """
     prepared, paper = learning.prepared, learning.paper
     spread = end_spread(prepared.points)
@@ -39,6 +39,7 @@ def learning_report(learning: Learning, validation: Validation | None = None) ->
         "subtasks": subtasks,
         "demonstrations": demonstrations,
         "families": {**asdict(learning.agreement), "text": str(learning.agreement)},
+        "self_clearance": {**learning.clearance._asdict(), "text": str(learning.clearance)},
         "validation": None if validation is None else validation.as_dict(),
         "seconds": learning.seconds,
     }

@@ -11,6 +11,7 @@ from ._detour import Aside as Aside
 from ._detour import FoundDetour as FoundDetour
 from ._detour import detour as detour
 from ._detour import find_detour as find_detour
+from ._detour import goal_distance as goal_distance
 from ._distances import AVOIDANCE as AVOIDANCE
 from ._distances import SELF_AVOIDANCE as SELF_AVOIDANCE
 from ._distances import avoidance as avoidance

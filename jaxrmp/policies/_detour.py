@@ -138,7 +138,7 @@ def _ahead(policy, aside, q, T, world, steps, dt):
     def look(state, _):
         (q, qd), total, _, clearance = state
         q, qd = jax.lax.fori_loop(0, _EVERY, step, (q, qd))
-        left = _left(policy, q, T)
+        left = goal_distance(policy, q, T)
         clearance = clearance if distances is None else jnp.minimum(clearance, distances(q).min())
         return ((q, qd), total + left, left, clearance), None
 
@@ -152,13 +152,16 @@ def _pull(policy, q, T):
     """The mean force that tasks pull hands to their targets with, from `q` [n] on, N."""
     tasks = [task.tree(policy.robot, at) for task, at in policy.with_targets(T)]
     energy = sum((task.energy(q, jnp.zeros_like(q)) for task in tasks), jnp.zeros((), q.dtype))
-    return energy / jnp.maximum(_left(policy, q, T), _NEAR)
+    return energy / jnp.maximum(goal_distance(policy, q, T), _NEAR)
 
 
-def _left(policy, q, T):
-    """How far the hands are from their targets at `q` [n], the farthest, m."""
+def goal_distance(policy: Any, q: jax.Array, T_world_target: jax.Array) -> jax.Array:
+    """How far the hands of an `ArmPolicy` are from their goals at `q` [n], the farthest, m; 0 if none goes anywhere.
+
+    **Arguments**: `policy`; `T_world_target` as in `ArmPolicy.tree`.
+    """
     far = jnp.zeros((), q.dtype)
-    for task, at in policy.with_targets(T):
+    for task, at in policy.with_targets(T_world_target):
         hand = getattr(task, "hand", lambda T: None)(at)
         if hand is not None:
             frame, offset, goal = hand

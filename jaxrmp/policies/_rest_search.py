@@ -12,7 +12,7 @@ from ..kinematics import Robot
 from ..kinematics._arranged import pose_of
 from ..kinematics._body_poses import body_poses
 from ..world import RobotSpheres, own_self_pairs
-from ..world._mostly_touching import centers
+from ..world._self_clearance import height_above, self_distance
 from ._lean_spheres import lean
 from ._posture_search import TURN_LENGTH
 
@@ -107,17 +107,12 @@ def _apart(robot: Robot, spheres: RobotSpheres | None, pairs: Any, q: np.ndarray
     """How far the closest pair of spheres is apart in each of postures [N, n], m."""
     if spheres is None or not pairs:
         return np.full(len(q), np.inf)
-    i, j = np.array(pairs).T
-    radii = np.asarray(spheres.radii)[i] + np.asarray(spheres.radii)[j]
-    at = centers(robot, spheres, q).astype(np.float32)
-    return np.array([(np.linalg.norm(p[i] - p[j], axis=1) - radii).min() for p in at])
+    return self_distance(robot, spheres, pairs, q)
 
 
 def _height(robot: Robot, spheres: RobotSpheres | None, joint: int, q: np.ndarray) -> np.ndarray:
     """How far the lowest of moving spheres is above the base, what carries `joint`, in postures [N, n], m."""
-    model = robot.model
     if spheres is None or not spheres.size:
         return np.full(len(q), np.inf)
-    moved = next(j.body for j in model.joints if j.coordinate == joint)
-    T = body_poses(model, q[:1])[model.bodies[moved].parent][0]
-    return ((centers(robot, spheres, q) - T[:3, 3]) @ T[:3, 2]).min(axis=1)
+    moved = next(j.body for j in robot.model.joints if j.coordinate == joint)
+    return height_above(robot, spheres, robot.model.bodies[moved].parent, q)

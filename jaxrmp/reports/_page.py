@@ -54,8 +54,12 @@ def table(head: list, rows: list[list], empty: str = "") -> str:
 
 
 def records(entries: Iterable[Any], columns: Mapping[str, Callable[[Any], Any]]) -> str:
-    """A table of a row for each of `entries`: by the heading of each column, what it says of one."""
-    return table([*columns], [[cell(entry) for cell in columns.values()] for entry in entries])
+    """A table of a row for each of `entries`: by the heading of each column, what it says of one; without columns that
+    are empty in every row."""
+    entries = list(entries)
+    cells = {name: [cell(entry) for entry in entries] for name, cell in columns.items()}
+    said = {name: column for name, column in cells.items() if not entries or any(value != "" for value in column)}
+    return table([*said], [list(row) for row in zip(*said.values(), strict=True)])
 
 
 def pictures(figures: Mapping[str, tuple[bytes, str]]) -> str:

@@ -32,6 +32,7 @@ def run_trials(
     learned_rate: float | None = None,
     seed: int = 0,
     first: int = 0,
+    aside: Any = None,
     progress: Callable[[float], None] | None = None,
 ) -> Run:
     """Run a policy in a `scene`'s physics from the starts of `trials`.
@@ -45,8 +46,9 @@ def run_trials(
     known at all times; `interface`: "torque", computed torque; "velocity" or "position", the policy's accelerations
     integrated to commands that a loop of torques follows, as inside an arm; `learned_rate`, Hz, at which learned leaves
     are evaluated and held in between, None for every millisecond; `seed`, of the tracker's noise; `first`, the number
-    of the first trial, so that a single one can be replayed with its own noise; `progress`, called with the share of
-    simulated time.
+    of the first trial, so that a single one can be replayed with its own noise; `aside`, what `policy.leaning` takes
+    for each trial, stacked, such as ways round obstacles of `policies.find_detour`, None for the policy as it is;
+    `progress`, called with the share of simulated time.
     **Returns** a `Run`.
     **Raises** `ConfigurationError` for no trials, a start in collision, a scene that lacks what its goal needs, or a
     time or rate that does not fit; `UnknownNameError` for another interface.
@@ -74,9 +76,9 @@ def run_trials(
         nonlocal forms
         T = np.array([trial.T_seen for trial in live], np.float32)
         if learned_rate is not None and step % every == 0:
-            forms = _learned(policy, T, worlds, q, qd)
+            forms = _learned(policy, aside, T, worlds, q, qd)
         ends = np.array([trial.there for trial in live]), np.array([bool(trial.touched) for trial in live])
-        return _command(policy, forms, T, worlds, q, qd, track, ends, criteria, limits, dt)
+        return _command(policy, aside, forms, T, worlds, q, qd, track, ends, criteria, limits, dt)
 
     track, step = Track.fresh(len(live)), 0
     while (track.status == End.RUNNING).any():
@@ -89,14 +91,19 @@ def run_trials(
 
 
 @jax.jit
-@partial(jax.vmap, in_axes=(None, 0, 0, 0, 0, 0, 0, 0, None, None, None))
-def _command(policy, forms, T, world, q, qd, track, ends, criteria, limits, dt):
-    tree = policy.tree(T, world)
+@partial(jax.vmap, in_axes=(None, 0, 0, 0, 0, 0, 0, 0, 0, None, None, None))
+def _command(policy, aside, forms, T, world, q, qd, track, ends, criteria, limits, dt):
+    tree = _leaning(policy, aside).tree(T, world)
     asked = command(tree if forms is None else with_held(tree, forms), q, qd)
     seen = Seen(q, qd, asked.energy, asked.qdd, margin(q, *limits), *ends)
     return asked.qdd, judge(criteria, dt, track, seen)
 
 
 @jax.jit
-def _learned(policy, T, worlds, q, qd):
-    return jax.vmap(lambda T, world, q, qd: learned_forms(policy.tree(T, world), q, qd))(T, worlds, q, qd)
+@partial(jax.vmap, in_axes=(None, 0, 0, 0, 0, 0))
+def _learned(policy, aside, T, world, q, qd):
+    return learned_forms(_leaning(policy, aside).tree(T, world), q, qd)
+
+
+def _leaning(policy, aside):
+    return policy if aside is None else policy.leaning(aside)

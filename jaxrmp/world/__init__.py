@@ -15,6 +15,8 @@ from ._panda_cover import panda_spheres as panda_spheres
 from ._robot_spheres import RobotSpheres as RobotSpheres
 from ._robot_spheres import geometry_of_model as geometry_of_model
 from ._robot_spheres import spheres_from_model as spheres_from_model
+from ._self_clearance import SelfClearance as SelfClearance
+from ._self_clearance import self_clearance as self_clearance
 from ._self_distances import SelfDistances as SelfDistances
 from ._self_pairs import ignored_by_model as ignored_by_model
 from ._self_pairs import panda_self_pairs as panda_self_pairs

@@ -1,6 +1,7 @@
 """Spheres on a robot, and which of them may meet, from the file that the robot was read from."""
 
 import contextlib
+import json
 import warnings
 from collections.abc import Collection, Iterable, Sequence
 from typing import Any
@@ -9,6 +10,7 @@ import numpy as np
 
 from .._errors import FileWarning
 from ..kinematics import Robot
+from ..kinematics._robot_file import line_of_robot_file, toml_key
 from ._cover import TooFineError
 from ._mostly_touching import without_mostly_touching
 from ._panda_cover import built_in_cover
@@ -25,17 +27,18 @@ def own_spheres(robot: Robot, hand: str | Sequence[str] | None = None) -> RobotS
     """Spheres that cover a `robot`, from the geometry of its own file: for the built-in Panda, `panda_spheres()`,
     which need no MuJoCo, as those on its hand do.
 
-    They stick out of it by 1.5 cm at most, or by 3 where else there would be more than 100, or 6 a joint. Where 3 are
-    too fine, links that no joint moves, which avoid nothing by themselves, are covered to 6 cm in any number of
-    spheres, and the others again to 1.5, 3 or 6 cm. The result's `coverage_error` is that of the coarsest. The link of
-    the frame `hand`, or of each of several, and what it carries, which pass close to things, are covered to 8 mm if
-    possible. Spheres are found once, and kept on disk (`spheres_from_model`).
+    They stick out of it by the `cover_error` at most that the robot was loaded with (`load_robot`). Where it says none,
+    by 1.5 cm, or by 3 where else there would be more than 100, or 6 a joint. Where 3 are too fine, links
+    that no joint moves, which avoid nothing by themselves, are covered to 6 cm in any number of spheres, and the others
+    again to 1.5, 3 or 6 cm. The result's `coverage_error` is that of the coarsest. The link of the frame `hand`, or of
+    each of several, and what it carries, which pass close to things, are covered to 8 mm if possible. Spheres are found
+    once, and kept on disk (`spheres_from_model`).
     **Raises** `NoGeometryError`, a `RobotError`, if the robot was read from no file or its file has no geometry,
-    `RobotError` if that cannot be read (meshes that are not there), `ConfigurationError` if 6 cm are too fine,
-    `UnknownNameError` for a frame that is not there.
+    `RobotError` if that cannot be read (meshes that are not there), `ConfigurationError` if 6 cm, or what the robot
+    says, are too fine, `UnknownNameError` for a frame that is not there.
     """
     links = {link_of(robot, name) for name in ((hand,) if isinstance(hand, str) else hand or ())}
-    if (cover := built_in_cover(robot)) is not None:
+    if (cover := built_in_cover(robot)) is not None and not robot.model.cover_error:
         carried = carried_by(robot, links, cover.spheres.frames)
         if not carried:
             return cover.spheres
@@ -51,7 +54,12 @@ def found_spheres(robot: Robot, links: Collection[int] = ()) -> RobotSpheres:
     covered = list(bodies_with_geometry(model).values())
     of_robot = {name: i for i, name in enumerate(body.name for body in robot.model.bodies)}
     bodies = {name: of_robot[name] for name in covered if name in of_robot}  # of its file, it may be a branch
-    whole = _within(model, robot.source, _FINENESS[1:-1], None if len(bodies) == len(covered) else tuple(bodies), most)
+    only, asked = None if len(bodies) == len(covered) else tuple(bodies), robot.model.cover_error
+    if asked:
+        whole = cover_model(model, asked, only, robot.source)
+        links = () if asked <= _FINENESS[0] else links
+    else:
+        whole = _within(model, robot.source, _FINENESS[1:-1], only, most)
     if whole is None:
         still = tuple(name for name in bodies if link_of(robot, name) == 0)
         moved = tuple(name for name in bodies if name not in still)
@@ -78,24 +86,37 @@ def _with_fine(whole: RobotSpheres, fine: RobotSpheres) -> RobotSpheres:
 
 
 def own_self_pairs(robot: Robot, spheres: RobotSpheres) -> tuple[tuple[int, int], ...]:
-    """The pairs of `spheres` that must not meet, by `self_pairs` and what the own file of `robot` excludes.
+    """The pairs of `spheres` that must not meet, by `self_pairs` and what the own file of `robot` excludes, or it was
+    loaded to `ignore` (`load_robot`).
 
     Where two links touch in more than a quarter of random configurations, spheres are too coarse to tell, and would
     push nearly always: their pairs that touch most often are left out, and a `FileWarning` names the links, the first
     eight of many.
     """
-    pairs = self_pairs(robot, spheres.frames, ignored_by_model(robot) if robot.source else None)
+    ignored = {name: list(others) for name, others in (ignored_by_model(robot) if robot.source else {}).items()}
+    for name, other in robot.model.ignore:
+        ignored.setdefault(name, []).append(other)
+    pairs = self_pairs(robot, spheres.frames, ignored)
     kept = without_mostly_touching(robot, spheres, pairs)
-    if left := sorted({f"{spheres.frames[i]} - {spheres.frames[j]}" for i, j in set(pairs) - set(kept)}):
+    if links := sorted({(spheres.frames[i], spheres.frames[j]) for i, j in set(pairs) - set(kept)}):
+        left = [f"{a} - {b}" for a, b in links]
         more = f" and {len(left) - _NAMED} more pairs of links" if len(left) > _NAMED else ""
         warnings.warn(
             f"{robot.name!r}: {len(pairs) - len(kept)} pairs of spheres on {', '.join(left[:_NAMED])}{more} touch too "
-            "often to tell, "
-            "and are not kept apart. For a finer cover: spheres_from_model(robot, max_error).",
+            f"often to tell, and are not kept apart. {mend_cover(robot, spheres, links[:_NAMED])}",
             FileWarning,
             stacklevel=3,
         )
     return kept
+
+
+def mend_cover(robot: Robot, spheres: RobotSpheres, links: Sequence[tuple[str, str]]) -> str:
+    """What to do where `spheres` on some pairs of `links` of a `robot` overlap, in words."""
+    half = f"{max(spheres.coverage_error / 2, 1e-3):.2g}" if np.isfinite(spheres.coverage_error) else "0.008"
+    said = line_of_robot_file(f"cover_error = {half}", robot.source)
+    touched = {first: [b for a, b in links if a == first] for first, _ in links}
+    lines = " and ".join(f"`{toml_key('ignore', first)} = {json.dumps(others)}`" for first, others in touched.items())
+    return f"Have a finer cover, which takes longer to avoid: {said}. Or, if the links may touch, say {lines} there."
 
 
 def _together(parts: list[RobotSpheres]) -> RobotSpheres:

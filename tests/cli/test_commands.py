@@ -17,11 +17,12 @@ import pytest
 
 from jaxrmp import batched, pullback
 from jaxrmp.cli import build_parser, main
-from jaxrmp.cli._output import error_table
+from jaxrmp.cli._output import aligned, error_table
 from jaxrmp.cli._overrides import parse_overrides
 from jaxrmp.cli._reproduce import result_dict
 from jaxrmp.learning import Reproduction, load_demonstrations, load_skill, save_demonstrations
 from jaxrmp.leaves import Attractor, Damping, JointLimit
+from jaxrmp.reports._page import records
 from jaxrmp.simulation import rollout
 
 CONFIG = str(Path(__file__).parents[2] / "configs" / "drawer_closing.toml")
@@ -92,7 +93,10 @@ def test_what_was_learned_is_a_page_that_needs_nothing_else(learned):
     page = (learned / "report.html").read_text(encoding="utf-8")
     assert not re.search(r"(src|href)=\"(?!data:)", page)
     assert page.count("data:image/png;base64,") == len(list((learned / "figures").glob("*.png"))) == 7
-    mean = json.loads((learned / "learning_report.json").read_text())["reproduction"]["mean"]
+    report = json.loads((learned / "learning_report.json").read_text())
+    assert report["self_clearance"]["distance"] > 0 and "are apart by" in report["self_clearance"]["text"]
+    assert f"The robot and itself: {report['self_clearance']['text']}." in page
+    mean = report["reproduction"]["mean"]
     assert f"<td>mean</td><td>{mean['dtw_cm']:.2f}</td>" in page
     assert "<td>metric.updates</td><td>100</td>" in page
     assert "Not validated: <code>jaxrmp learn --validate</code>" in page
@@ -147,6 +151,17 @@ def test_goals_that_the_arm_rests_away_from_are_named(learned):
     assert last == f"demo 1 comes to rest more than 1 cm away from the goal of {', '.join(skill.subtasks)}"
 
 
+def test_columns_that_say_nothing_are_left_out_of_tables():
+    rows = [["0", "-", "1.25", "fell over"], ["10", "-", "-", "arrived"]]
+    assert aligned(["trial", "angle", "error_mm", "reason"], rows, of_words=1) == [
+        "trial  error_mm  reason",
+        "0          1.25  fell over",
+        "10            -  arrived",
+    ]
+    page = records(rows, {"trial": lambda r: r[0], "empty": lambda r: "", "why": lambda r: r[3]})
+    assert "<th>why</th>" in page and "empty" not in page and page.count("<td>") == 4
+
+
 def test_a_synthetic_source_can_be_named(learned, capsys):
     skill = str(learned / "drawer_closing.skill.npz")
     assert main(["reproduce", skill, "--demos", "synthetic:drawer_closing", "--duration", "1"]) == 0
@@ -190,6 +205,18 @@ def test_run_closes_the_drawer_in_physics(learned, demos, tmp_path, capsys):
     (replayed,) = json.loads(file.read_text())["per_trial"]
     assert replayed["trial"] == 6 and replayed["path"] is None
     assert replayed["time_s"] == pytest.approx(report["per_trial"][6]["time_s"], abs=0.1)
+
+
+def test_run_looks_ahead_for_a_way_round_obstacles(learned, tmp_path, capsys):
+    skill, file = str(learned / "drawer_closing.skill.npz"), tmp_path / "run.json"
+    command = ["run", skill, "--trials", "2", "--limit", "0.5", "--detour", "--json", str(file), "--scene"]
+    assert main([*command, "drawer_obstacle"]) == 0
+    detours = json.loads(file.read_text())["detours"]
+    assert len(detours) == 2 and all(len(found["lean_m"]) == 3 and found["strength_n"] >= 0 for found in detours)
+    assert all(0 < found["clearance_m"] < 1 and 0 < found["left_m"] < 1 for found in detours)
+    assert main([*command, "drawer"]) == 0
+    assert json.loads(file.read_text())["detours"] is None
+    assert "scene 'drawer' tells the policy of no obstacles" in capsys.readouterr().err
 
 
 def test_a_trial_that_fails_is_an_error_if_that_is_asked_for(learned, capsys):

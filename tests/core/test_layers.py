@@ -56,7 +56,7 @@ LAYERS = {
     "io": {"kinematics", "leaves", "world"},
     "scenes": {"kinematics", "world"},
     "simulation": {"inspection", "kinematics", "leaves", "scenes", "world"},
-    "learning": {"leaves", "kinematics", "simulation"},
+    "learning": {"leaves", "kinematics", "simulation", "world"},
     "synthetic": {"kinematics", "learning"},
     "reports": set(),
     "export": set(),

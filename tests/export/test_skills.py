@@ -13,7 +13,7 @@ from jaxrmp.cli import main
 from jaxrmp.cli._export import skill_in_c
 from jaxrmp.kinematics import panda
 from jaxrmp.learning import learn, load_configuration, load_skill, save_skill
-from jaxrmp.policies import whole_arm_policy
+from jaxrmp.policies import goal_distance, whole_arm_policy
 from jaxrmp.synthetic import synthetic_demonstrations
 from jaxrmp.world import Spheres, World
 
@@ -54,12 +54,12 @@ def test_whole_arm(method, precision, skills, tmp_path):
     states = [a.astype(real) for a in (q, qd)]
 
     def expected(T, spheres, q, qd):
-        policy = jax.tree.map(
+        whole = jax.tree.map(
             lambda a: jnp.asarray(a, bool if a.dtype == bool else real), whole_arm_policy(skill, ROBOT)
         )
-        tree = policy.tree(T, World(spheres=spheres))
+        tree = whole.tree(T, World(spheres=spheres))
         seen = certificate(tree, q, qd)
-        return seen.energy, seen.dissipation, acceleration(tree, q, qd)
+        return seen.energy, seen.dissipation, goal_distance(whole, q, T), acceleration(tree, q, qd)
 
     with in_precision(precision):
         wanted = by_jax(expected, fixed, states)
@@ -85,6 +85,7 @@ def test_the_command_writes_what_builds_and_comes_to_rest_where_jax_does(skills,
     subprocess.run(["gcc", *STRICT.split(), "-O2", *sources, "-o", str(out / "main"), "-lm"], check=True)
     ran = subprocess.run([str(out / "main")], capture_output=True, text=True, check=True).stdout
     assert "us a call" in ran and "dissipation" in ran
+    assert 0 <= float(ran.split("goal_distance ")[1].split()[0]) < 0.002
     at_rest = np.array(ran.split(" at ")[1].split("\n")[0].split(), np.float32)
     tree = whole_arm_policy(skills["flow"], ROBOT).tree(skills["flow"].T_world_object, World())
     assert float(jnp.abs(acceleration(tree, at_rest, np.zeros(7, np.float32))).max()) < 0.05
@@ -97,6 +98,8 @@ def test_what_the_command_refuses(skills, tmp_path, capsys):
     capsys.readouterr()
     assert main([*command, "--obstacles", "-1"]) == 1
     assert "--obstacles is -1, expected 0 or more" in capsys.readouterr().err
+    assert main([*command, "--obstacles", "2000", "--certificate", "--quiet"]) == 1
+    assert "Say fewer --obstacles than 2000 or no --certificate." in capsys.readouterr().err
     assert main([*command, "--demos", str(tmp_path / "nowhere"), "--quiet"]) == 1
     assert not (tmp_path / "c").exists()
     assert main(command[:2]) == 1

@@ -137,6 +137,10 @@ def test_a_robot_file_says_where_it_stands_and_what_it_holds(file):
         ('file = "robot.toml"', "expected the path of an MJCF or URDF file"),
         ('file = "both.xml"\nroot = 5', "root is 5, expected a string"),
         ('file = "both.xml"\npackages = {a = 5}', "packages.a is 5, expected a folder"),
+        ('file = "both.xml"\nignore = {a_hand = ["a_foot"]}', "unknown frame in ignore 'a_foot'"),
+        ('file = "both.xml"\nignore = {a_hand = "a_left"}', "ignore.a_hand is 'a_left', expected a list"),
+        ('file = "both.xml"\ncover_error = "fine"', "cover_error is 'fine', expected a length"),
+        ('file = "both.xml"\ncover_error = 0', "cover_error of load_robot is 0.0, expected"),
         ('file = "both.xml"\nfixed = {a_pan = "left"}', "fixed.'a_pan'. is 'left', expected a finite number"),
     ],
 )

@@ -53,6 +53,11 @@ def test_one_file_without_time_unit_and_order(tmp_path):
         DemonstrationError, match=r"nothing says the units .*coordinate is 50\)\. Say --units .* m or cm or mm"
     ):
         load_poses(file, RecordingSettings(quaternion="xyzw"))
+    everything = (
+        r"(?s)\[poses\].* nothing says the units .*Say --units .* And nothing says the quaternion .*wxyz or xyzw"
+    )
+    with pytest.raises(DemonstrationError, match=everything):
+        load_demonstrations(file)
     with pytest.raises(DemonstrationError, match=r"units 'degrees' cannot be of these recordings"):
         load_poses(file, RecordingSettings(units="degrees", quaternion="xyzw"))
     with pytest.raises(

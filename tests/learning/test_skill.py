@@ -225,6 +225,8 @@ def test_files_of_earlier_versions_are_brought_up_to_date(skill, tmp_path, earli
 
 def test_a_skill_file_holds_the_robot(skill, tmp_path):
     robot = with_tool(mounted(panda(), pose([0.1, 0.2, 0.3], np.eye(3))), "tip", "panda_hand", np.eye(4))
+    said = {"ignore": (("panda_hand", "panda_link5"),), "cover_error": 0.01}
+    robot = replace(robot, model=replace(robot.model, **said))
     robot = replace(robot, upper=np.where(np.arange(7) == 6, np.inf, robot.upper))
     own = replace(skill, robot_fingerprint=robot.fingerprint, robot_record=record_of(robot))
     loaded = load_skill(save_skill(own, tmp_path / "own.skill.npz")).robot
@@ -232,6 +234,7 @@ def test_a_skill_file_holds_the_robot(skill, tmp_path):
     for name in ("lower", "upper", "velocity_limit"):
         np.testing.assert_array_equal(getattr(loaded, name), getattr(robot, name))
     assert loaded.source == robot.source
+    assert {name: getattr(loaded.model, name) for name in said} == said
     with pytest.raises(RobotError, match=f"robot_record has kinematic fingerprint {robot.fingerprint}, expected"):
         replace(skill, robot_record=record_of(robot))
 

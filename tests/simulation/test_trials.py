@@ -53,6 +53,14 @@ def policy(stiffness=25.0, follow=0.0):
     return ToPosture(jnp.asarray(AWAY), np.float32(stiffness), np.float32(follow))
 
 
+@pytree
+class Leaning(ToPosture):
+    """As that, led aside by what is added to its posture."""
+
+    def leaning(self, aside):
+        return Leaning(self.goal + aside, self.stiffness)
+
+
 def trial(scene, **changes):
     return Trial(HOME.astype(float), scene.T_world_object, **changes)
 
@@ -64,6 +72,14 @@ def test_every_interface_takes_the_arm_where_the_policy_wants(scene, interface):
     np.testing.assert_allclose(trace.q[-1], AWAY, atol=0.01)
     assert not outcome.success and outcome.reason.startswith("not closed after 2 s: open by 150")
     assert outcome.saturated == 0 and outcome.final_error_m == pytest.approx(0.15, abs=1e-3)
+
+
+def test_each_trial_is_led_aside_by_its_own(scene):
+    asides = jnp.array([[0.0] * 7, [0.2] + [0.0] * 6])
+    leaning = Leaning(jnp.asarray(AWAY), np.float32(25.0))
+    traces = run_trials(scene, leaning, [trial(scene)] * 2, limit=2.5, aside=asides).traces
+    for trace, aside in zip(traces, asides, strict=True):
+        np.testing.assert_allclose(trace.q[-1], AWAY + aside, atol=0.01)
 
 
 @pytest.mark.filterwarnings("ignore:some rows")

@@ -96,7 +96,8 @@ def test_a_package_elsewhere_is_found_by_argument_and_environment(arm, tmp_path,
     assert load_robot(path).num_joints == 2
     with pytest.raises(
         RobotError,
-        match=r"mesh 'package://far/meshes/bar.stl' of link 'upper' is not there.*packages=\{'far': folder\}",
+        match=r"mesh 'package://far/meshes/bar.stl' of link 'upper' is not there.*`packages.far = \"FOLDER\"` in a "
+        r"robot file, .*which configurations take as robot and commands as --robot; .*packages=\{'far': folder\}",
     ):
         spheres_from_model(path, 0.03)
     given = {"far": there / "share/far"}
