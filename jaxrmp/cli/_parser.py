@@ -263,6 +263,7 @@ _COMMANDS: dict[str, tuple[str, str, str, list[tuple[str, dict[str, Any]]]]] = {
             _FIX,
             _argument("--scene SCENE", "furniture around the skill: " + _SCENE),
             _argument("--demos DIR", _LEARNED_FROM, type=str),
+            _argument("--replay FILE", "play a demo_K.npz first, such as a log of jaxrmp drive; the policy takes over then"),
             _argument("--balls N", "draggable obstacles, default 1, in a scene 0", choices=(0, 1, 2)),
             *_PAGE,
         ],

@@ -2,13 +2,16 @@
 
 import argparse
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 
 from .._errors import ConfigurationError, DemonstrationError
+from .._files import read_npz
 from ..kinematics import Robot
-from ..learning import prepare
-from ..viewer import Viewer, reach_content, skill_content
+from ..learning import Demonstration, prepare
+from ..learning._demonstrations import check_demonstration
+from ..viewer import Recording, Viewer, reach_content, skill_content
 from ._output import tell
 from ._pages import show
 from ._sources import demonstrations_of, robot_of, scene_of, skill_and_robot
@@ -34,7 +37,7 @@ def _viewer(arguments: argparse.Namespace, progress: Callable[[str, float], None
                 "posture that was found, from which it gets around."
             )
         progress("drawing", 0.4)
-        return Viewer(content, arguments.port)
+        return Viewer(content, arguments.port, replayed=_recording(arguments.replay, content.policy.robot))
     if arguments.frame or arguments.fix:
         raise ConfigurationError(
             "--frame and --fix are for the hand-designed policy: a skill has its control points and its robot. Leave "
@@ -53,4 +56,21 @@ def _viewer(arguments: argparse.Namespace, progress: Callable[[str, float], None
     balls = (0 if place is not None else 1) if arguments.balls is None else arguments.balls
     content = skill_content(skill, robot, prepared, scene=place, balls=balls)
     progress("drawing", 0.4)
-    return Viewer(content, arguments.port, skill=skill, prepared=prepared)
+    replayed = _recording(arguments.replay, robot)
+    return Viewer(content, arguments.port, skill=skill, prepared=prepared, replayed=replayed)
+
+
+def _recording(file: Path | None, robot: Robot) -> Recording | None:
+    """The motion of a demo_K.npz, such as a log of `jaxrmp drive`."""
+    if file is None:
+        return None
+    try:
+        arrays = read_npz(file)
+        time, q = (np.asarray(arrays[name], float) for name in ("time", "joint_positions"))
+    except (OSError, ValueError, KeyError) as error:
+        raise DemonstrationError(
+            f"--replay {file}: expected an NPZ file with time and joint_positions, such as demo_0.npz of a log: {error}"
+        ) from error
+    demonstration = Demonstration(time - time[:1].sum(), q)
+    check_demonstration(demonstration, robot.joint_names, str(file))
+    return Recording(demonstration.time, demonstration.q, np.zeros((len(q), 3)))

@@ -9,6 +9,7 @@ from ..learning import PreparedDemonstrations, Skill, reproduce
 from ._lines import DEMONSTRATED, REPRODUCED, TARGET, PathLines, add_outline
 from ._loop import Frame
 from ._poses import place
+from ._recorder import Recording
 from ._session import Content, Session
 
 
@@ -16,7 +17,8 @@ class Viewer(Session):
     """A live policy on a page, to be dragged, pushed, tuned and watched.
 
     **Arguments**: `content`, by `skill_content` or `reach_content`; `port`; with a skill, `skill` itself and its
-    `prepared` demonstrations, where they could be had. **Raises** as `Session`.
+    `prepared` demonstrations, where they could be had; `replayed`, a `Recording` to be played before the policy takes
+    over, and again by a button. **Raises** as `Session`.
     """
 
     def __init__(
@@ -26,14 +28,18 @@ class Viewer(Session):
         *,
         skill: Skill | None = None,
         prepared: PreparedDemonstrations | None = None,
+        replayed: Recording | None = None,
     ):
-        self.skill, self.prepared = skill, prepared
+        self.skill, self.prepared, self.replayed = skill, prepared, replayed
         self._lines: dict[str, PathLines] = {}
         label = "jaxrmp" if skill is None else f"jaxrmp: {skill.configuration.name}"
         super().__init__(content, port, label)
 
     def _build(self, server: Any, folder: str) -> None:
         super()._build(server, folder)
+        if self.replayed is not None:
+            self.replay = server.gui.add_button("Replay", icon="player-track-next", hint="What was recorded, again.")
+            self.replay.on_click(lambda _: self.play_recording())
         self._frame = server.scene.add_frame("/lines", show_axes=False)
         if self.skill is None:
             return
@@ -78,6 +84,17 @@ class Viewer(Session):
             return
         k = int(self._start.value.split()[-1])
         self.loop.reset(self.prepared.joints.q[k][0])
+
+    def start(self) -> None:
+        if self.replayed is not None:
+            self.loop.replay(self.replayed.at)
+        super().start()
+
+    def play_recording(self) -> None:
+        """Play what was recorded from its beginning; the policy takes over where it ends."""
+        assert self.replayed is not None
+        self.set_playing(True)
+        self.loop.replay(self.replayed.at)
 
     def reproduce(self) -> None:
         """Roll the skill out from every demonstration's start and draw it, once."""

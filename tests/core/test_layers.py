@@ -33,6 +33,7 @@ OPTIONAL = [
     "h5py",
     "rosbags",
     "flatbuffers",
+    "pylibfranka",
 ]
 BY_JAX = {"scipy", "flatbuffers"}  # which it imports itself, where they are installed
 
@@ -58,6 +59,7 @@ LAYERS = {
     "simulation": {"inspection", "kinematics", "leaves", "scenes", "world"},
     "learning": {"leaves", "kinematics", "simulation", "world"},
     "synthetic": {"kinematics", "learning"},
+    "hardware": {"kinematics", "policies", "scenes", "simulation", "world"},
     "reports": set(),
     "export": set(),
     "evaluation": {"leaves", "kinematics", "learning", "policies", "reports", "scenes", "simulation", "world"},
@@ -66,6 +68,7 @@ LAYERS = {
     "cli": {
         "evaluation",
         "export",
+        "hardware",
         "io",
         "leaves",
         "kinematics",

@@ -236,6 +236,7 @@ def test_without_viser_the_error_says_what_to_install(monkeypatch):
         (["view", "nowhere.npz"], "there is no skill file"),
         (["view", "nowhere.npz", "--frame", "x"], "a skill has its control points"),
         (["view", "--robot", "nowhere.urdf"], "nowhere.urdf"),
+        (["view", "--replay", "full/meta.json", "--balls", "0"], "expected an NPZ file with time"),
         (["view", "--frame", "panda_hnd"], "Did you mean 'panda_hand'"),
         (["teach", "--robot", "nowhere.urdf", "--out", "x"], "nowhere.urdf"),
         (["teach", "--out", "full"], "is not empty"),

@@ -14,11 +14,14 @@ from jaxrmp.world import Spheres, World
 def viewer(door_learning):
     """The page's session: started once, for compiling is most of the time."""
     pytest.importorskip("viser", reason="needs viser: pip install 'jaxrmp[viewer]'")
-    from jaxrmp.viewer import Viewer, skill_content
+    from jaxrmp.viewer import Recording, Viewer, skill_content
 
     skill, prepared = door_learning.skill, door_learning.prepared
     place = scene("door", T_world_object=np.asarray(skill.T_world_object, float))
-    viewer = Viewer(skill_content(skill, panda(), prepared, scene=place, balls=0), 0, skill=skill, prepared=prepared)
+    q = np.asarray(prepared.joints.q[0], float)[::-1]  # from the door back to the start
+    logged = Recording(np.linspace(0.0, 2.0, len(q)), q, np.zeros((len(q), 3)))
+    content = skill_content(skill, panda(), prepared, scene=place, balls=0)
+    viewer = Viewer(content, 0, skill=skill, prepared=prepared, replayed=logged)
     viewer.start()
     yield viewer
     viewer.stop()
@@ -165,6 +168,23 @@ def test_distances_to_the_furniture_and_of_the_arm_to_itself_are_plotted(viewer,
         return bool(rows) and 0 < rows[-1][1] < 30 and 0 < rows[-1][2] < 30  # cm
 
     page_of(viewer).wait(measured, "distances that are measured")
+
+
+def test_a_log_is_played_and_then_the_policy_takes_over(viewer, page_of):
+    page, log = page_of(viewer), viewer.replayed
+    page.wait(lambda: not viewer.loop.replaying and missed(viewer) < 0.01, "the hand at the handle", 90)
+    seen = []
+
+    def played():
+        seen.append(viewer.loop.frame.q.copy())
+        return not viewer.loop.replaying
+
+    page.click("Replay", lambda: viewer.loop.replaying)
+    page.wait(played, "the end of what was recorded", 60)
+    off = [np.abs(log.q - q).max(axis=1).min() for q in seen]
+    inside = [k for k, o in enumerate(off) if o < 0.05]  # before it begins and once it is over the arm is elsewhere
+    assert len(inside) > 3 and max(off[inside[0] : inside[-1]]) < 0.05 and np.ptp(np.stack(seen), axis=0).max() > 0.3
+    page.wait(lambda: missed(viewer) < 0.01, "the policy to bring the hand back", 90)
 
 
 def test_a_skill_without_its_demonstrations_can_still_be_shown(viewer):
