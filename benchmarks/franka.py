@@ -6,7 +6,6 @@ machine's: run it on a quiet one.
 
 import tempfile
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +24,7 @@ from ._skills import demonstrations, skill_file, source_here
 
 _STRICT = ("--enforce-comm-constraints", "--enforce-motion-limits")
 _HOME = np.array([0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.785])
-_REPEATS = 3
+_REPEATS = 2
 Hand = Callable[[np.ndarray], np.ndarray]
 
 
@@ -82,7 +81,7 @@ def _row(arm: Any, policy: Any, T: np.ndarray, start: np.ndarray, hand: Hand, in
     home = hardware.law(hardware.to_posture(robot, start, own_spheres(robot)), arm)
     ends, busy, late, cycles, off, miss = [], [], 0, 0, [], []
     for _ in range(_REPEATS):
-        hardware.drive(arm, home, hardware.Fixed(np.eye(4)), replace(settings, speed=0.5))
+        hardware.drive(arm, home, hardware.Fixed(np.eye(4)), settings)
         drive = hardware.drive(arm, law, hardware.Fixed(T), settings, start=start, interface=interface)
         arrays = drive.log.arrays()
         ends.append(drive.end)

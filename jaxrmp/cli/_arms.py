@@ -77,7 +77,9 @@ def posture_of(named: str, robot: Robot, shown: list[np.ndarray] | None) -> np.n
     try:
         q = np.array([float(part) for part in named.split(",")])
     except ValueError as error:
-        raise ConfigurationError(f"--start {named}: {error}. Expected joint positions, rad: --start=Q1,Q2,...") from error
+        raise ConfigurationError(
+            f"--start {named}: {error}. Expected joint positions, rad: --start=Q1,Q2,..."
+        ) from error
     if q.shape != (robot.num_joints,) or not np.isfinite(q).all():
         raise ConfigurationError(f"--start has {len(q)} positions, and {robot.name} has {robot.num_joints} joints.")
     return q

@@ -214,10 +214,14 @@ _COMMANDS: dict[str, tuple[str, str, str, list[tuple[str, dict[str, Any]]]]] = {
             _argument("--robot", "which arm: franka or mujoco", required=True, choices=("franka", "mujoco")),
             *_ARM,
             _argument("--scene SCENE", "for mujoco: " + _SCENE + "; default the arm alone"),
-            _argument("--start Q", "where it must start: joint positions with commas between, or K, as demonstration K", "0"),
+            _argument(
+                "--start Q", "where it must start: joint positions with commas between, or K, as demonstration K", "0"
+            ),
             _argument("--at Q", "for mujoco: where the arm is at first, default at the start", type=str),
             _argument("--near RAD", "how near every joint must be to the start", 0.1),
-            _argument("--go", "take the arm to the start first, slowly, off itself; it knows nothing of what stands around"),
+            _argument(
+                "--go", "take the arm to the start first, slowly, off itself; it knows nothing of what stands around"
+            ),
             _argument("--speed S", "times the policy's own", 1.0),
             _argument("--interface", "of the arm", "velocity", choices=("velocity", "torque")),
             _argument("--object-still", "the skill's object is not tracked, but stands where it was demonstrated"),
@@ -263,7 +267,9 @@ _COMMANDS: dict[str, tuple[str, str, str, list[tuple[str, dict[str, Any]]]]] = {
             _FIX,
             _argument("--scene SCENE", "furniture around the skill: " + _SCENE),
             _argument("--demos DIR", _LEARNED_FROM, type=str),
-            _argument("--replay FILE", "play a demo_K.npz first, such as a log of jaxrmp drive; the policy takes over then"),
+            _argument(
+                "--replay FILE", "play a demo_K.npz first, such as a log of jaxrmp drive; the policy takes over then"
+            ),
             _argument("--balls N", "draggable obstacles, default 1, in a scene 0", choices=(0, 1, 2)),
             *_PAGE,
         ],

@@ -59,9 +59,7 @@ def _record_all(
             return
 
 
-def _keep(
-    arguments: argparse.Namespace, arm: Any, robot: Robot, sightings: Any, going: Callable[[], bool]
-) -> None:
+def _keep(arguments: argparse.Namespace, arm: Any, robot: Robot, sightings: Any, going: Callable[[], bool]) -> None:
     """Record one, and write it unless nothing moved."""
     found = hardware.record(arm, going, arguments.rate, sightings)
     count = len(found["time"])

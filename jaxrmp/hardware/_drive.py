@@ -21,7 +21,11 @@ from ._watch import DriveSettings, Watch
 
 _STIFFNESS, _DAMPING = 400.0, 40.0  # 1/s^2, 1/s: how torques hold the arm at its reference; and, since light links have
 _STIFFER, _DAMPER = 8.0, 0.8  # friction as others have, 1/rad and s/rad times each joint's largest torque
-_NEARING, _NEAREST, _NEARER = 4.0, 0.1, 0.5  # 1/s, rad/s, rad/s^2: how velocities mend what the arm is off its reference
+_NEARING, _NEAREST, _NEARER = (
+    4.0,
+    0.1,
+    0.5,
+)  # 1/s, rad/s, rad/s^2: how velocities mend what the arm is off its reference
 _STOPPED = 1e-3  # rad/s, below which a braking arm is told to stand
 _STANDING, _STANDS, _PATIENCE = 0.002, 0.2, 5.0  # rad, s, s: an arm is driven once it moved no more in so long
 _WARM = 300  # calls before the arm moves

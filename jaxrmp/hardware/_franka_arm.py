@@ -70,7 +70,10 @@ class FrankaArm:
         """Begin a motion."""
         mode = self._raw.robot_mode
         if mode != self._franka.RobotMode.Idle:
-            hint = {"Reflex": "It has not recovered from an error: --recover does that.", "UserStopped": "Its stop is in."}
+            hint = {
+                "Reflex": "It has not recovered from an error: --recover does that.",
+                "UserStopped": "Its stop is in.",
+            }
             raise ArmError(f"{self.name} is not ready, but {mode.name}. {hint.get(mode.name, 'Close other programs.')}")
         with self._as_arm_errors("as a motion was started"):
             if interface == "torque":

@@ -186,7 +186,9 @@ def save_mcap(arrays: dict[str, np.ndarray], folder: Path, joint_names: tuple[st
                         rates = none if qd is None else qd[k].astype(float)
                         message = make[state](header(at), names, q[k].astype(float), rates, none)
                         write(connection, at, message, state)
-                if seen is not None and (k == 0 or (arrays["T_world_object"][k] != arrays["T_world_object"][k - 1]).any()):
+                if seen is not None and (
+                    k == 0 or (arrays["T_world_object"][k] != arrays["T_world_object"][k - 1]).any()
+                ):
                     write(seen, at, transform(at, arrays["T_world_object"][k]), tf)
         new.rename(folder)
     finally:

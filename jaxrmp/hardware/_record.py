@@ -32,5 +32,8 @@ def record(
         q.append(state.q.astype(float))
         if sightings is not None:
             T.append(np.array(sightings.newest().T_world_object, float))
-    found = {"time": np.array(time) - (time[0] if time else 0.0), "joint_positions": np.array(q).reshape(-1, arm.joints)}
+    found = {
+        "time": np.array(time) - (time[0] if time else 0.0),
+        "joint_positions": np.array(q).reshape(-1, arm.joints),
+    }
     return found | ({"T_world_object": np.array(T)} if sightings is not None else {})

@@ -292,9 +292,7 @@ def test_demonstrations_are_recorded_from_an_arm_that_is_guided(tmp_path_factory
             done = jaxrmp("record", "--host", sim.host, "--realtime", "ignore", "--out", folder, "--seconds", "1.5")
             assert done.returncode == 0, done.stderr
         lines = "\n\nq\n"
-        done = jaxrmp(
-            "record", "--host", sim.host, "--realtime", "ignore", "--out", folder, "--stdin", input=lines
-        )
+        done = jaxrmp("record", "--host", sim.host, "--realtime", "ignore", "--out", folder, "--stdin", input=lines)
         assert done.returncode == 0, done.stderr
         arm = FrankaArm(sim.host, "ignore")
         calls = iter(range(1000))
