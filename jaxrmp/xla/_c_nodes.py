@@ -47,4 +47,9 @@ def used_by(node: Node) -> set[int]:
 
 def is_loop(node: Node) -> bool:
     """Whether a node is elementwise, over more than one entry."""
-    return bool(node.shape) and node.op not in ("dot", "reduce", "copy")
+    return bool(node.shape) and is_elementwise(node.op)
+
+
+def is_elementwise(op: str) -> bool:
+    """Whether an operation is of single entries."""
+    return op not in ("dot", "reduce", "copy")

@@ -47,7 +47,7 @@ def without_repetition(blocks: Sequence[Sequence[str]], kinds: dict[str, str]) -
 def _shape(text: str, kinds: dict[str, str]) -> _Shape | None:
     """None for what is no function: too short, of too many places, of the arguments, or what others need its values."""
     own = {name: f"v{k}" for k, name in enumerate(dict.fromkeys(_OWN.findall(text)))}
-    if len(text) < _LEAST or "in->" in text or (own and not text.startswith(("for", "{"))):
+    if len(text) < _LEAST or "in->" in text or (own and not text.startswith(("for", "INDEPENDENT", "{"))):
         return None
     places: dict[str, int] = {}
     types = []

@@ -14,7 +14,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from jax.extend.core import ClosedJaxpr
 
-from ._c_dot import LEAST, product
+from ._c_dot import LANES, LEAST, added, product
+from ._c_loops import blocks
 from ._c_nodes import BITS, Node, sources_of, used_by
 from ._c_order import grouped, laid_out
 from ._c_program import taken_apart
@@ -24,6 +25,17 @@ from ._scalar_program import NotScalar
 
 _MOST_STACK = 1 << 20  # bytes
 _LONGEST = 200  # characters of an expression that becomes part of another
+# What loops have in place of these: else, for its branches or errno, compilers make no vectors of them.
+_IN_LOOPS = {"select_r(": "picked_r(", "max_r(": "larger_r(", "min_r(": "smaller_r("}
+_ROOTS = {"sqrt": "sqrts_r", "rsqrt": "rsqrts_r"}  # in single precision
+_INDEPENDENT = (
+    "/* Before a loop none of whose steps reads what another writes. */",
+    "#if defined(__GNUC__) && !defined(__clang__)",
+    '#define INDEPENDENT _Pragma("GCC ivdep")',
+    "#else",
+    "#define INDEPENDENT",
+    "#endif",
+)
 _CALLED = re.compile(r"\b(\w+_[rn])\(")
 
 
@@ -127,6 +139,7 @@ class _Writer(Writer):
             f"typedef {whole} N;",
             f"#define F(name) name{'##f' if width == 4 else ''}",
             f"#define LAST INT{8 * width}_MAX",
+            *(_INDEPENDENT if "INDEPENDENT" in text else ()),
             "",
             *_functions(text, width == 4),
             "",
@@ -183,9 +196,39 @@ class _Writer(Writer):
         return f"{'w' if found.kind == 'f' else 'm'}[{place}]"
 
     def dot(self, node):
-        if max(node.shape[1], node.shape[3]) < LEAST or self.sources[node.out].kind != "f":
+        whole = self.sources[node.out].kind != "f"
+        few = max(node.shape[1], node.shape[3]) < LEAST and node.shape[2] < LEAST * LANES and not node.settings
+        if whole or few:
             return super().dot(node)
         return product(node, self, functools.partial(self.at, node.out))
+
+    def loop(self, group):
+        lines = super().loop(group)
+        inner = max(k for k, line in enumerate(lines) if line.startswith("for "))
+        return [*lines[:inner], f"INDEPENDENT {lines[inner]}", *lines[inner + 1 :]]
+
+    def reduce(self, node):
+        rows, length = node.shape
+        kind = self.type(self.sources[node.out])
+        read, fold = self.reader(node.places[0], node.shape, False), in_loops(self.fold(node, kind))
+        lines = [f"for (int i = 0; i < {rows}; i++) {{"]
+        if length < 2 * LANES or length < rows:  # along the rows
+            lines.append(f"{kind} c = {read(['i', '0'])};")
+            lines += [f"c = {fold.format('c', read(['i', str(k)]))};" for k in range(1, length)]
+            return [*lines, f"{self.at(node.out, 'i')} = c;", "}"]
+        lines.append(f"{kind} c[{LANES}];")
+        lines.append(f"for (int l = 0; l < {LANES}; l++) {{ c[l] = {read(['i', 'l'])}; }}")
+        for first, end, m in blocks(length - LANES, LANES):
+            more = fold.format("c[l]", read(["i", f"(k + l + {LANES})"]))
+            lines.append(f"for (int k = {first}; k < {end}; k += {m}) {{")
+            lines.append(f"for (int l = 0; l < {m}; l++) {{ c[l] = {more}; }} }}")
+        return [*lines, *added(["c"], fold), f"{self.at(node.out, 'i')} = c[0];", "}"]
+
+    def operation(self, node, x):
+        if node.shape and node.op in _ROOTS and self.real.itemsize == 4:
+            return f"{_ROOTS[node.op]}({x[0]})"
+        text = super().operation(node, x)
+        return in_loops(text) if node.shape else text
 
     def load(self, group, dtypes):
         s = group[0].out
@@ -206,11 +249,20 @@ class _Writer(Writer):
         return [f"out->{field.name}{i} = {value}{truth};" for i, value in zip(index, values, strict=True)]
 
 
+def in_loops(text: str) -> str:
+    """A statement as a loop has it, so that compilers can make vectors of it."""
+    for name, other in _IN_LOOPS.items():
+        text = text.replace(name, other)
+    return text
+
+
 def _functions(text: str, single: bool) -> list[str]:
     """The definitions of the functions that a text calls, in `single` precision or double."""
     known = {name: each for name, each in _definitions().items() if single or "(float a)" not in each}
-    called = set(_CALLED.findall(text))
-    called |= {name for each in called & known.keys() for name in _CALLED.findall(known[each])}
+    called, new = set(), set(_CALLED.findall(text))
+    while new:
+        called |= new
+        new = {name for each in new & known.keys() for name in _CALLED.findall(known[each])} - called
     own = [each.replace("float a", "R a") for name, each in known.items() if name in called]
     for name in sorted(called - known.keys()):
         two = name in ("atan2_r", "pow_r")
