@@ -181,6 +181,7 @@ _COMMANDS: dict[str, tuple[str, str, str, list[tuple[str, dict[str, Any]]]]] = {
             _argument("--stablehlo FILE", "write the program of StableHLO here"),
             _argument("--precision", "of the numbers in C", "float", choices=("float", "double")),
             _argument("--obstacles N", "in C, slots for spheres that the arm keeps off", 0),
+            _argument("--while-count N", "in C, steps that a loop without a fixed number may take at most", type=int),
             _argument("--certificate", "in C, give the energy V and its dissipation, too"),
             _argument("--robot FILE", _MOVED, type=str),
             _argument("--demos DIR", "where the C program starts: " + _LEARNED_FROM, type=str),

@@ -25,7 +25,8 @@ class Source(NamedTuple):
 class Node(NamedTuple):
     """What computes a source `out`: `op` and its `settings`, of `places`, over a `shape`.
 
-    `op` is the name of a primitive, elementwise over `shape` or "single", or "dot", "reduce" or "copy".
+    `op` is the name of a primitive, elementwise over `shape` or "single", or "dot", "reduce" or "copy";
+    "while", and "carried", what else it gives.
     """
 
     out: int
@@ -52,4 +53,4 @@ def is_loop(node: Node) -> bool:
 
 def is_elementwise(op: str) -> bool:
     """Whether an operation is of single entries."""
-    return op not in ("dot", "reduce", "copy")
+    return op not in ("dot", "reduce", "copy", "while", "carried")

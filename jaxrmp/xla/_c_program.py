@@ -8,18 +8,17 @@ batch is computed once.
 
 import math
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import numpy as np
-from jax.extend.core import ClosedJaxpr
 
 from ._c_gather import gathered
 from ._c_nodes import BITS, INDEX, Node, Source, is_elementwise, sources_of
 from ._c_once import constant, repeated
-from ._c_order import needed
 from ._c_scan import scanned
 from ._c_types import check_types, kind_of
+from ._c_while import looped
 from ._rows import matrices, rows_over
 from ._scalar_program import ELEMENTWISE, Builder, NotScalar, Operation, coordinate_program
 
@@ -43,11 +42,12 @@ _OF_NOTHING = {
 class Program(Builder):
     """Takes a function apart; a place is a number, negative for a number that is known.
 
-    `real`, the type of its numbers; whole numbers have the same size.
+    `real`, the type of its numbers; whole numbers have the same size; `most`, steps of a `while`, where stated.
     """
 
-    def __init__(self, real: np.dtype):
+    def __init__(self, real: np.dtype, most: int | None = None):
         super().__init__()
+        self.most = most
         self.real, self.whole_number = real, np.dtype(f"i{real.itemsize}")
         self.sources: list[Source] = []
         self.nodes: list[Node] = []
@@ -153,6 +153,8 @@ class Program(Builder):
             return [gathered(parameters, operands[0], starts)]
         if name == "scan":
             return scanned(self, parameters, operands)
+        if name == "while":
+            return looped(self, parameters, operands)
         if name == "unstack":
             return list(np.moveaxis(operands[0], parameters["axis"], 0))
         types = [v.aval.dtype for v in (*equation.invars, *equation.outvars)]
@@ -366,36 +368,3 @@ def _supported(name: str, dtype: Any) -> str:
     if name in ("div", "rem", "pow", "integer_pow", "sign") and np.dtype(dtype).kind != "f":
         raise NotScalar(f"holds `{name}` of whole numbers")
     return name
-
-
-class Parts(NamedTuple):
-    """A function taken apart: its `program`; `dtypes` of its arguments and, behind them, of `program.constants`;
-    `results`, places and dtype of each; `real`, the type of its numbers."""
-
-    program: Program
-    dtypes: list[np.dtype]
-    results: list[tuple[np.ndarray, np.dtype]]
-    real: np.dtype
-
-
-def taken_apart(closed: ClosedJaxpr, mapped: Sequence[bool]) -> Parts:
-    """A function of one state as nodes and sources; `mapped`, which of its arguments each state has its own of.
-
-    **Raises** `NotScalar` for what cannot be said in C; the message says why.
-    """
-    values: list[Any] = [*closed.in_avals, *closed.out_avals]
-    kinds = {a.dtype for a in values if a.dtype.kind == "f"}
-    if len(kinds) != 1 or (real := next(iter(kinds))) not in (np.float32, np.float64):
-        raise NotScalar(f"numbers of type {', '.join(sorted(map(str, kinds))) or 'int alone'}")
-    if odd := {str(a.dtype) for a in values if not isinstance(a.dtype, np.dtype) or a.dtype.kind not in "bif"}:
-        raise NotScalar(f"arrays of type {', '.join(sorted(odd))}")
-    program = Program(np.dtype(real))
-    arguments = []
-    for k, a in enumerate(closed.in_avals):
-        arguments.append(program.whole(program.source(not mapped[k], kind_of(a.dtype), a.size, k), a.shape))
-    program.first_constant = len(arguments)
-    outputs = program.run(closed.jaxpr, [program.numbers(c) for c in closed.consts], arguments)
-    dtypes = [a.dtype for a in values[: len(arguments)]] + [c.dtype for c in program.constants]
-    results = list(zip(outputs, [a.dtype for a in values[len(arguments) :]], strict=True))
-    program.nodes = needed(program.nodes, {s for places in outputs for s in sources_of(places)})
-    return Parts(program, dtypes, results, np.dtype(real))
