@@ -124,7 +124,7 @@ def _says(error: NotScalar, place: str) -> str:
     text = str(error)
     does = text if text.startswith(("holds", "takes")) else f"takes {text}" if "operations" in text else f"holds {text}"
     where = f", in {place}" if place else ""
-    if "max_iterations" in text:
+    if "stated count" in text:
         return (
             f"it holds `while`{where}, whose steps have to be bounded: state how many it may take at most, by "
             "max_iterations=N, or on the command line --while-count N."

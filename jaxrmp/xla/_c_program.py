@@ -12,6 +12,7 @@ from typing import Any
 
 import jax
 import numpy as np
+from jax.extend.core import ClosedJaxpr
 
 from ._c_gather import gathered
 from ._c_nodes import BITS, INDEX, Node, Source, is_elementwise, sources_of

@@ -20,7 +20,7 @@ def looped(program: Any, parameters: dict[str, Any], operands: list[np.ndarray])
     **Raises** `NotScalar` if the program states no count.
     """
     if program.most is None:
-        raise NotScalar("holds `while`, whose steps at most have to be stated: max_iterations")
+        raise NotScalar("holds `while` without a stated count of steps")
     condition, body = parameters["cond_jaxpr"], parameters["body_jaxpr"]
     ends = parameters["cond_nconsts"], parameters["cond_nconsts"] + parameters["body_nconsts"]
 
@@ -41,15 +41,17 @@ def looped(program: Any, parameters: dict[str, Any], operands: list[np.ndarray])
     out = program.source(program.is_shared(*places), "f", max(size["f"], 1))
     program.nodes.append(Node(out, "while", settings, places, (max(size["f"], 1),)))
     found["f"] = program.whole(out, (max(size["f"], 1),))
+    found["i"] = found["f"][:0]
     if size["i"]:
         whole = program.source(program.is_shared(*places), "i", size["i"])
         program.nodes.append(Node(whole, "carried", {"of": out, "results": results}, (found["f"],), (size["i"],)))
         found["i"] = program.whole(whole, (size["i"],))
     start = {"f": 0, "i": 0}
-    given = []
+    given: list[np.ndarray] = []
     for field in results:
         kind = kind_of(field.dtype)
-        given.append(found.get(kind, found["f"])[start[kind] : start[kind] + field.size].reshape(field.shape))
+        entries = found[kind]
+        given.append(entries[start[kind] : start[kind] + field.size].reshape(field.shape))
         start[kind] += field.size
     return given
 

@@ -42,7 +42,8 @@ class CompiledInC:
         try:
             program = single_program(closed, "program", inputs, outputs, max_iterations)
         except NotScalar as error:
-            raise ExportError(f'backend="c": the function {error}, which has no form in C.') from error
+            advice = "state max_iterations=N" if "stated count" in str(error) else "which has no form in C"
+            raise ExportError(f'backend="c": the function {error}, {advice}.') from error
         if max_iterations is not None:
             outputs = [*outputs, HIT]
         self._most = max_iterations

@@ -113,6 +113,8 @@ def test_a_count_has_to_be_stated_and_make_sense():
         ExportError, match="holds `while`, in .*state how many it may take at most, by max_iterations=N"
     ):
         export.c(doubled, x, y)
+    with pytest.raises(ExportError, match="holds `while` without a stated count of steps, state max_iterations=N"):
+        compiled(doubled, x, y, backend="c")
     for make in (export.c, partial(compiled, backend="c")):
         for odd in (0, -3, 2.0, True):
             with pytest.raises(ConfigurationError, match=f"max_iterations is {odd}, expected a whole number of steps"):
