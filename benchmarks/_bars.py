@@ -48,6 +48,13 @@ def _least_of(benchmark: str, start: str, column: str) -> Callable[[Found], floa
     return measured
 
 
+def _most_of(benchmark: str, column: str) -> Callable[[Found], float]:
+    def measured(found: Found) -> float:
+        return max(row[column] for row in found[benchmark] if column in row)
+
+    return measured
+
+
 def _at(start: str, size: int, column: str) -> Callable[[Found], float]:
     def measured(found: Found) -> float:
         rows = (row for row in found["throughput"] if row["name"].startswith(start) and row["size"] == size)
@@ -79,6 +86,26 @@ BARS = (
         least=20,
         unit="times",
     ),
+    Bar(
+        "24 pairs in C, gcc -O2, faster than fabrics' exported C",
+        _of("export", "24 pairs: C, gcc -O2", "than_fabrics"),
+        least=40,
+        unit="times",
+    ),
+    Bar(
+        "24 pairs in C, from Python, faster than fabrics' exported C",
+        _of("export", '24 pairs: compiled, backend="c"', "than_fabrics"),
+        least=20,
+        unit="times",
+    ),
+    Bar(
+        "flow drawer, whole arm, in C, gcc -O3 -march=native, faster than compiled",
+        _of("export", "flow drawer, whole arm: C, gcc -O3 -march=native", "times_faster"),
+        least=3,
+        unit="times",
+    ),
+    Bar("exported C, source", _most_of("export", "source_kb"), most=1000, unit="kB"),
+    Bar("exported C, compiled", _most_of("export", "compile_s"), most=10, unit="s"),
     Bar("24 pairs, batch 1,024, an evaluation", _of("latency", "panda_24_pairs", "batch_1024_us"), most=2, unit="us"),
     Bar("the same over its counted operations", _of("roofline", "by hand, all", "times_limit"), most=10, unit="times"),
     Bar("learned drawer, one call, median", _of("latency", "learned_drawer", "median_us"), most=100, unit="us"),

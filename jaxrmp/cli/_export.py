@@ -50,8 +50,9 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
 def _write_c(arguments: argparse.Namespace, skill: Skill, robot: Robot) -> None:
     with progress_bar(arguments.quiet) as progress:
         progress("writing", 0.0)
+        asked = arguments.obstacles, arguments.certificate, arguments.precision, arguments.while_count
         try:
-            found = skill_in_c(skill, robot, arguments.obstacles, arguments.certificate, arguments.precision)
+            found = skill_in_c(skill, robot, *asked)
         except ExportError as error:
             given = [f"fewer --obstacles than {arguments.obstacles}"] * bool(arguments.obstacles)
             given += ["no --certificate"] * arguments.certificate
@@ -66,11 +67,17 @@ def _write_c(arguments: argparse.Namespace, skill: Skill, robot: Robot) -> None:
 
 
 def skill_in_c(
-    skill: Skill, robot: Robot, obstacles: int = 0, certificate: bool = False, precision: str = "float"
+    skill: Skill,
+    robot: Robot,
+    obstacles: int = 0,
+    certificate: bool = False,
+    precision: str = "float",
+    max_iterations: int | None = None,
 ) -> export.CSource:
     """The `whole_arm_policy` of a skill as C: `q`, `qd`, where the object is and `obstacles` slots for spheres to
     `qdd` and `goal_distance`, unless it is of a turn alone, and with a `certificate` to the tree's energy `V` and its
     `dissipation`, too.
+    `max_iterations` as of `export.c`.
 
     **Raises** `ExportError`, else as `whole_arm_policy`.
     """
@@ -99,7 +106,7 @@ def skill_in_c(
         units = dict(_UNITS)
         if not skill.configuration.object:
             units["T_world_object"] = "m; nothing is tracked: always as in main.c, where the demonstrations end"
-        return export.c(whole, q, q, T, slots, name=name, units=units, about=about)
+        return export.c(whole, q, q, T, slots, name=name, units=units, about=about, max_iterations=max_iterations)
 
 
 def _start(skill: Skill, robot: Robot, named: str | None) -> tuple[np.ndarray, np.ndarray, str]:

@@ -198,6 +198,7 @@ _COMMANDS: dict[str, tuple[str, str, str, list[tuple[str, dict[str, Any]]]]] = {
             _argument("--stablehlo FILE", "write the program of StableHLO here"),
             _argument("--precision", "of the numbers in C", "float", choices=("float", "double")),
             _argument("--obstacles N", "in C, slots for spheres that the arm keeps off", 0),
+            _argument("--while-count N", "in C, steps that a loop without a fixed number may take at most", type=int),
             _argument("--certificate", "in C, give the energy V and its dissipation, too"),
             _argument("--robot FILE", _MOVED, type=str),
             _argument("--demos DIR", "where the C program starts: " + _LEARNED_FROM, type=str),
@@ -205,8 +206,8 @@ _COMMANDS: dict[str, tuple[str, str, str, list[tuple[str, dict[str, Any]]]]] = {
     ),
     "drive": (
         "drive an arm by a skill",
-        "A skill on an arm: a Franka over its network interface, or one in a scene of MuJoCo, cycle by cycle, within its "
-        "limits, watched, and stopped when something is wrong. It starts only near a stated posture. Exit code 0 if it "
+        "A skill on an arm: a Franka over its network interface, or one in a scene of MuJoCo, cycle by cycle, within "
+        "its limits, watched, and stopped when something is wrong. It starts only near a stated posture. Exit code 0 if it "
         "came to rest at the goal.",
         f"{_DRAWER} --robot franka --host 172.16.0.2 --speed 0.3 --go --log out/drives",
         [

@@ -8,10 +8,10 @@ from typing import Any, NamedTuple
 
 import jax
 
-from .._errors import ExportError
+from .._errors import ConfigurationError, ExportError
 from .._files import atomic_write
 from .._version import __version__
-from ..xla import Field, NotScalar, Single, layout, machinery, single_program, struct
+from ..xla import HIT, Field, NotScalar, Single, layout, machinery, require_count, single_program, struct
 from ._fields import argument_names, comment, fields, function_identifier, shape_of
 
 
@@ -56,6 +56,7 @@ def c(
     names: Sequence[str] | None = None,
     units: Mapping[str, str] | None = None,
     about: str = "",
+    max_iterations: int | None = None,
 ) -> CSource:
     """A function of arrays, such as a policy, as C99 that needs a C compiler and its mathematical functions alone.
 
@@ -69,11 +70,14 @@ def c(
     on. `name`, of the function, in C; `names` of its arguments, by default the function's own: an argument that is a
     pytree becomes a field for each of its arrays, such as `world_spheres_center`; a result that is a dict, a field for
     each of its entries, and one array the field `result`. `units`, by the name of an argument, a field or a result,
-    what its comment says, such as `{"q": "rad"}`; `about`, a line for the head of the file.
+    what its comment says, such as `{"q": "rad"}`; `about`, a line for the head of the file. `max_iterations`, steps
+    that a `while` may take, such as Lula's projection, which takes 50 at most: then the last result is `bound_hit`,
+    how many loops were cut off there, and if it is not 0, results are not those of the function.
     **Returns** a `CSource`, whose `write` makes the files.
     **Raises** `ExportError` for an operation that has no form in C, which it names with the leaf it is in, such as a
-    `while` or a sort; for numbers of several precisions; or for what takes more than 1 MiB of working memory.
-    `ConfigurationError` for names that are too few, or the same.
+    sort, or a `while` if no `max_iterations` is stated; for numbers of several precisions; or for what takes more than
+    1 MiB of working memory. `ConfigurationError` for names that are too few, or the same, and a `max_iterations` that
+    is no whole number from 1 on.
 
     >>> import jaxrmp
     >>> import numpy as np
@@ -84,6 +88,7 @@ def c(
     >>> [field.name for field in found.inputs], "float q[2]; /* rad */" in found.header
     (['rest', 'q', 'qd'], True)
     """
+    require_count(max_iterations)
     name, units = function_identifier(name), units or {}
     with machinery(True):
         closed, shape = jax.make_jaxpr(function, return_shape=True)(*examples)
@@ -93,7 +98,11 @@ def c(
     for fields_of, what in ((inputs, "takes"), (outputs, "gives")):
         if not any(field.size for field in fields_of):
             raise ExportError(f"{name} {what} no numbers, and a struct in C cannot be empty.")
-    program = _program(closed, name, inputs, outputs)
+    program = _program(closed, name, inputs, outputs, max_iterations)
+    if max_iterations is not None:
+        if any(field.name == HIT.name for field in outputs):
+            raise ConfigurationError(f"a result is called {HIT.name!r}, as the one that max_iterations adds.")
+        outputs = (*outputs, HIT)
     structs = f"{struct(f'{name}_in', inputs)}\n\n{struct(f'{name}_out', outputs)}"
     fingerprint = hashlib.sha256(f"{structs}\n{program.text}".encode()).hexdigest()[:16]
     about = f"{comment(about)}\n   " if about else ""
@@ -103,9 +112,9 @@ def c(
     return CSource(name, source, header, inputs, outputs, fingerprint, program.stack, program.operations)
 
 
-def _program(closed: Any, name: str, inputs: Sequence[Field], outputs: Sequence[Field]) -> Single:
+def _program(closed: Any, name: str, inputs: Sequence[Field], outputs: Sequence[Field], most: int | None) -> Single:
     try:
-        return single_program(closed, name, inputs, outputs)
+        return single_program(closed, name, inputs, outputs, most)
     except NotScalar as error:
         raise ExportError(f"{name} cannot be written in C: {_says(error, _place(error))}") from error
 
@@ -114,13 +123,19 @@ def _says(error: NotScalar, place: str) -> str:
     """An error as what a function does, where, and what would help."""
     text = str(error)
     does = text if text.startswith(("holds", "takes")) else f"takes {text}" if "operations" in text else f"holds {text}"
+    where = f", in {place}" if place else ""
+    if "stated count" in text:
+        return (
+            f"it holds `while`{where}, whose steps have to be bounded: state how many it may take at most, by "
+            "max_iterations=N, or on the command line --while-count N."
+        )
     advice = (
         "Give it fewer obstacles or spheres, or leave out the certificate."
         if text.startswith("takes") or "operations" in text
         else "C is written of arithmetic, sums, products, choices by `where`, and entries taken by indices that are "
         "known beforehand."
     )
-    return f"it {does}{f', in {place}' if place else ''}. {advice}"
+    return f"it {does}{where}. {advice}"
 
 
 def _place(error: NotScalar) -> str:

@@ -16,7 +16,7 @@ _WORDS = frozenset(
     "auto bool break case catch char class const continue default delete do double else enum extern false float for "  # noqa: SIM905
     "friend goto if inline int long namespace new operator private protected public register restrict return short "
     "signed sizeof static struct switch template this throw true try typedef typename union unsigned using virtual "
-    "void volatile while main R N F LAST NAN INFINITY HUGE_VAL HUGE_VALF".split()
+    "void volatile while main R N F LAST INDEPENDENT NAN INFINITY HUGE_VAL HUGE_VALF".split()
 )
 _MATHEMATICS = frozenset(
     f"{name}{end}"

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from .._errors import ConfigurationError
-from ..xla import Field
+from ..xla import HIT, Field
 from ._c_source import CSource, write_text
 
 _BESIDE = ("CMakeLists.txt", "main.c", "example.cpp")
@@ -63,7 +63,7 @@ int main(void) {{
     clock_t start = clock();
     for (; finite && steps < LONGEST && (steps < 100 || fastest > at_rest); steps++) {{
         {name}(&in, &out);
-        fastest = 0;
+{checks}        fastest = 0;
         for (int i = 0; i < JOINTS; i++) {{
             qd[i] += dt * out.qdd[i];
             q[i] += dt * qd[i];
@@ -124,12 +124,15 @@ def write_project(found: CSource, at: dict[str, Any], start: str, folder: str | 
     more = "".join(
         f'    printf("{f.name} %.6g\\n", out.{f.name});\n' for f in found.outputs if not f.shape and f.dtype.kind == "f"
     )
+    checks = ""
+    if any(f.name == HIT.name for f in found.outputs):
+        checks = f'        if (out.{HIT.name}) {{ puts("stopped: a loop was cut off at its count"); return 1; }}\n'
     fixed = [f for f in found.inputs if f.name in given and f.name not in ("q", "qd")]
     real = "float" if q.dtype.itemsize == 4 else "double"
     words = {"name": found.name, "n": q.size, "q": numbers["q"], "upper": found.name.upper(), "real": real}
     texts = {
         "CMakeLists.txt": _CMAKE.format(**words),
-        "main.c": _MAIN.format(**words, start=start, values=values, more=more),
+        "main.c": _MAIN.format(**words, start=start, values=values, more=more, checks=checks),
         "example.cpp": _EXAMPLE.format(**words, copies="\n".join(_copied(f, numbers[f.name], real) for f in fixed)),
     }
     return *found.write(folder), *(write_text(Path(folder) / file, text) for file, text in texts.items())

@@ -15,7 +15,8 @@ class ArmState(NamedTuple):
     """An arm of n joints at one of its cycles.
 
     `time`, s, by the arm's own clock; `q`, `qd` [n], measured, rad and rad/s; `q_d`, `qd_d` [n], where it takes
-    itself to have been told to be, and how fast; `external` [n], its own estimate of torques from outside, N m, NaN where it has none.
+    itself to have been told to be, and how fast; `external` [n], its own estimate of torques from outside, N m, NaN
+    where it has none.
     """
 
     time: float
@@ -57,7 +58,7 @@ class Arm(Protocol):
         ...
 
     def hand_pose(self) -> np.ndarray | None:
-        """Where the arm itself takes its flange to be at the last state, [4, 4] in its base; None if it does not say."""
+        """Where the arm takes its flange to be at the last state, [4, 4] in its base; None if it does not say."""
         ...
 
     def stop(self) -> None:

@@ -90,7 +90,7 @@ def drive(
     _warm_up(law, state, sightings.newest(), obstacles, settings.speed)
     with _no_garbage():
         arm.start(interface)
-        return _cycles(arm, law, sightings, settings, interface, running, log, watch, obstacles)
+        return _cycles(arm, law, sightings, settings, interface, running, log, watch, obstacles, state)
 
 
 def _standing(arm: Arm) -> ArmState:
@@ -101,7 +101,8 @@ def _standing(arm: Arm) -> ArmState:
         if (np.abs(state.q - stood) > _STANDING).any():
             since, stood = state.time, state.q
         if state.time - began > _PATIENCE:
-            raise ArmError(f"{arm.name} does not stand still: its joints move at {np.round(state.qd, 2).tolist()}.")
+            moving = np.round(state.qd, 2).tolist()
+            raise ArmError(f"{arm.name} does not stand still: its joints move at {moving}, per second.")
         state = arm.read()
     return state
 
@@ -130,17 +131,18 @@ def _cycles(
     log: Log,
     watch: Watch,
     obstacles: "_Obstacles",
+    state: ArmState,
 ) -> Drive:
     n, period, speed = arm.joints, arm.period, np.float32(settings.speed)
     qd, qdd = np.zeros(n, np.float32), np.zeros(n, np.float32)
     reference, drift = np.zeros(n), np.zeros(n)
     end, reason, late, still = None, "", 0, 0.0
-    state, began = None, None
+    began: float | None = None
     try:
         while True:
             last, state = state, arm.read()
             entered = time.perf_counter()
-            if last is None:
+            if began is None:
                 began, dt, reference = state.time, period, state.q_d.astype(float)
             else:
                 dt = state.time - last.time
@@ -188,7 +190,6 @@ def _cycles(
         with contextlib.suppress(ArmError):
             arm.stop()
         why = f"{reason}; then {error}" if reason else str(error)
-        assert state is not None, error
         return Drive(DriveEnd.BY_ARM if end is None else end, why, log, late, state)
     except BaseException:
         with contextlib.suppress(ArmError):

@@ -48,7 +48,10 @@ class FrankaArm:
         torques, forces = ([float(v) for v in values] for values in collision)
         if len(torques) != JOINTS or len(forces) != 6:
             raise ConfigurationError(f"collision has {len(torques)} and {len(forces)} thresholds, expected 7 and 6.")
-        self._franka, self._control, self._model, self._interface = pylibfranka, None, None, ""
+        self._franka, self._interface = pylibfranka, ""
+        self._control: Any = None
+        self._model: Any = None
+        self._robot: Any = None
         kinds = {"enforce": pylibfranka.RealtimeConfig.kEnforce, "ignore": pylibfranka.RealtimeConfig.kIgnore}
         with self._as_arm_errors(f"at {host}"):
             self._robot = pylibfranka.Robot(host, kinds[realtime])
@@ -132,7 +135,7 @@ class FrankaArm:
 
     def close(self) -> None:
         """Hang up."""
-        self._control = self._robot = self._model = None
+        self._control = self._model = self._robot = None
 
     def _as_arm_errors(self, when: str) -> "_ArmErrors":
         return _ArmErrors(self, when)

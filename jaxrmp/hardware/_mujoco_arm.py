@@ -7,8 +7,15 @@ import numpy as np
 
 from .._errors import ArmError
 from ..scenes import Scene
-from ..simulation import ArmDynamics, PhysicalArm, TrackerSettings, arm_dynamics, tracking_acceleration
-from ..simulation import observe, start_tracker
+from ..simulation import (
+    ArmDynamics,
+    PhysicalArm,
+    TrackerSettings,
+    arm_dynamics,
+    observe,
+    start_tracker,
+    tracking_acceleration,
+)
 from ._arm import ArmState, Interface, state_of
 from ._limits import MotionLimits
 from ._sightings import Sighting
@@ -139,7 +146,7 @@ class SceneTracker:
         """What the camera last saw."""
         T, none = self._arm.scene.object_pose(self._arm.data), np.zeros((0, 4))
         if self._tracker is None or self._settings is None:
-            self._number += int((T != self._last).any())
+            self._number += int((self._last != T).any())
             self._last = T
             return Sighting(T, none, 0.0, self._number)
         now = float(self._arm.data.time)

@@ -87,8 +87,8 @@ class UdpSightings:
             if time.perf_counter() > until:
                 detail = f" {self.unread} datagrams could not be read: {self.why}" if self.unread else ""
                 raise ConfigurationError(
-                    f"no pose of the object came to UDP port {self.port} within {seconds:g} s.{detail} Start what sends "
-                    'it: a JSON object {"T_world_object": four rows of four numbers} in each datagram.'
+                    f"no pose of the object came to UDP port {self.port} within {seconds:g} s.{detail} Start what "
+                    'sends it: a JSON object {"T_world_object": four rows of four numbers} in each datagram.'
                 )
             time.sleep(0.002)
 

@@ -5,11 +5,13 @@ repeats. With `machinery(False)`, or `JAXRMP_XLA=off` in the environment, that w
 """
 
 from ._blocks import in_blocks as in_blocks
-from ._c_single import Field as Field
+from ._c_fields import HIT as HIT
+from ._c_fields import Field as Field
+from ._c_fields import layout as layout
+from ._c_fields import struct as struct
 from ._c_single import Single as Single
-from ._c_single import layout as layout
 from ._c_single import single_program as single_program
-from ._c_single import struct as struct
+from ._c_while import require_count as require_count
 from ._compiled import Compiled as Compiled
 from ._compiled import compiled as compiled
 from ._cores import own_cores as own_cores

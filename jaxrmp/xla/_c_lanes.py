@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from jax.extend.core import ClosedJaxpr
 
-from ._c_program import taken_apart
+from ._c_parts import taken_apart
 from ._c_text import written
 
 

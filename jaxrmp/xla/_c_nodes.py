@@ -25,7 +25,8 @@ class Source(NamedTuple):
 class Node(NamedTuple):
     """What computes a source `out`: `op` and its `settings`, of `places`, over a `shape`.
 
-    `op` is the name of a primitive, elementwise over `shape` or "single", or "dot", "reduce" or "copy".
+    `op` is the name of a primitive, elementwise over `shape` or "single", or "dot", "reduce" or "copy";
+    "while", and "carried", what else it gives.
     """
 
     out: int
@@ -47,4 +48,9 @@ def used_by(node: Node) -> set[int]:
 
 def is_loop(node: Node) -> bool:
     """Whether a node is elementwise, over more than one entry."""
-    return bool(node.shape) and node.op not in ("dot", "reduce", "copy")
+    return bool(node.shape) and is_elementwise(node.op)
+
+
+def is_elementwise(op: str) -> bool:
+    """Whether an operation is of single entries."""
+    return op not in ("dot", "reduce", "copy", "while", "carried")

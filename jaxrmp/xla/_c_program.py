@@ -8,23 +8,25 @@ batch is computed once.
 
 import math
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import numpy as np
 from jax.extend.core import ClosedJaxpr
 
 from ._c_gather import gathered
-from ._c_nodes import BITS, INDEX, Node, Source, sources_of
-from ._c_order import needed
+from ._c_nodes import BITS, INDEX, Node, Source, is_elementwise, sources_of
+from ._c_once import constant, repeated
 from ._c_scan import scanned
 from ._c_types import check_types, kind_of
+from ._c_while import looped
 from ._rows import matrices, rows_over
 from ._scalar_program import ELEMENTWISE, Builder, NotScalar, Operation, coordinate_program
 
 _LEAST = 4  # coordinates from which on a loop is worth it
 _SMALL = 16  # entries of an array that is taken apart, and operations of a product or a sum
 _FLAT_MOST = 3000
+_MANY = 16  # products that are computed along each other
 _BLOCKS = 64  # of a product with zeros
 _UNTOLD = np.iinfo(np.int64).min
 _MOST_SINGLE = 20000  # statements: compilers take more than proportionally long
@@ -41,11 +43,12 @@ _OF_NOTHING = {
 class Program(Builder):
     """Takes a function apart; a place is a number, negative for a number that is known.
 
-    `real`, the type of its numbers; whole numbers have the same size.
+    `real`, the type of its numbers; whole numbers have the same size; `most`, steps of a `while`, where stated.
     """
 
-    def __init__(self, real: np.dtype):
+    def __init__(self, real: np.dtype, most: int | None = None):
         super().__init__()
+        self.most = most
         self.real, self.whole_number = real, np.dtype(f"i{real.itemsize}")
         self.sources: list[Source] = []
         self.nodes: list[Node] = []
@@ -151,6 +154,8 @@ class Program(Builder):
             return [gathered(parameters, operands[0], starts)]
         if name == "scan":
             return scanned(self, parameters, operands)
+        if name == "while":
+            return looped(self, parameters, operands)
         if name == "unstack":
             return list(np.moveaxis(operands[0], parameters["axis"], 0))
         types = [v.aval.dtype for v in (*equation.invars, *equation.outvars)]
@@ -200,7 +205,7 @@ class Program(Builder):
         size = math.prod(shape)
         if size <= self._small or self._whole:
             return self.entries([self.one(primitive, parameters, x, dtype) for x in _rows(spread)], shape)
-        if all(_constant(x) for x in spread):  # the same everywhere
+        if all(constant(x) for x in spread):  # the same everywhere
             return np.full(shape, self.one(primitive, parameters, [int(x.flat[0]) for x in spread], dtype))
         if all((x < 0).all() for x in spread):
             found = [self.one(primitive, parameters, x, dtype) for x in _rows(spread)]
@@ -215,6 +220,10 @@ class Program(Builder):
         if name == "square" or (name == "integer_pow" and dict(parameters)["y"] == 2):
             name, parameters, spread = "mul", (), [spread[0], spread[0]]
         name = _supported(name, dtype)
+        if (once := repeated(spread)) is not None:
+            first, where = once
+            few = [x.reshape(-1)[first] for x in spread]
+            return self._each(primitive, parameters, few, first.shape, dtype)[where].reshape(shape)
         return self._array(name, parameters, spread, shape, dtype, size)
 
     def _told(self, name, spread, dtype) -> np.ndarray | None:
@@ -251,7 +260,7 @@ class Program(Builder):
     def _in_memory(self, places: np.ndarray) -> np.ndarray:
         """The same entries, from one source each that a loop can run over."""
         if (places < 0).all():
-            return places if _constant(places) else self.table(places)
+            return places if constant(places) else self.table(places)
         used = np.unique(places >> BITS)
         if (places >= 0).all() and len(used) == 1:
             return places
@@ -265,6 +274,11 @@ class Program(Builder):
 
     def _array(self, op, parameters, operands, shape, dtype, size) -> np.ndarray:
         """An array of `size` entries that a node makes, unless there is one that makes the same."""
+        longest = int(np.argmax(shape)) if is_elementwise(op) else len(shape) - 1
+        if shape[longest] > shape[-1]:  # last, along which loops run
+            moved = [np.moveaxis(p, longest, -1) for p in operands]
+            found = self._array(op, parameters, moved, moved[0].shape, dtype, size)
+            return np.moveaxis(found, -1, longest)
         places = operands if op == "copy" else tuple(map(self._in_memory, operands))
         key = (op, parameters, shape, *(p.tobytes() for p in places), *(p.shape for p in places))
         if key not in self._tables:
@@ -298,7 +312,15 @@ class Program(Builder):
         )
         terms = (rows[:, None] & columns)[row_of][:, column_of].sum()
         if 4 * terms > 3 * math.prod(A.shape[1:]) * B.shape[1] or len(rows) * len(columns) > _BLOCKS:
-            return self._array("dot", (), (A, B), (*A.shape, B.shape[1]), dtype, math.prod(shape))
+            if A.shape[1] > B.shape[1]:  # the longer of them last, along which loops run
+                return self._by_blocks(B, A, dtype).swapaxes(1, 2)
+            whole, size = (*A.shape, B.shape[1]), math.prod(shape)
+            if len(A) > max(_MANY, *shape[1:]):
+                A, B = (np.moveaxis(self._in_memory(np.moveaxis(X, 0, -1)), -1, 0) for X in (A, B))
+                found = self._array("dot", (("batch", "last"),), (A, B), whole, dtype, size)
+                return np.moveaxis(found.reshape(*shape[1:], len(A)), -1, 0)
+            B = self._in_memory(B.swapaxes(1, 2)).swapaxes(1, 2)
+            return self._array("dot", (), (A, B), whole, dtype, size).reshape(shape)
         found = np.full(shape, zero)
         for i, j in np.ndindex(len(rows), len(columns)):
             if (both := rows[i] & columns[j]).any():
@@ -337,10 +359,6 @@ class Program(Builder):
         return self._array("reduce", (("by", name),), (rows,), rows.shape, dtype, len(rows)).reshape(shape)
 
 
-def _constant(places: np.ndarray) -> bool:
-    return bool((places == places.flat[0]).all())
-
-
 def _rows(spread):
     return zip(*(x.reshape(-1).tolist() for x in spread), strict=True)
 
@@ -351,36 +369,3 @@ def _supported(name: str, dtype: Any) -> str:
     if name in ("div", "rem", "pow", "integer_pow", "sign") and np.dtype(dtype).kind != "f":
         raise NotScalar(f"holds `{name}` of whole numbers")
     return name
-
-
-class Parts(NamedTuple):
-    """A function taken apart: its `program`; `dtypes` of its arguments and, behind them, of `program.constants`;
-    `results`, places and dtype of each; `real`, the type of its numbers."""
-
-    program: Program
-    dtypes: list[np.dtype]
-    results: list[tuple[np.ndarray, np.dtype]]
-    real: np.dtype
-
-
-def taken_apart(closed: ClosedJaxpr, mapped: Sequence[bool]) -> Parts:
-    """A function of one state as nodes and sources; `mapped`, which of its arguments each state has its own of.
-
-    **Raises** `NotScalar` for what cannot be said in C; the message says why.
-    """
-    values: list[Any] = [*closed.in_avals, *closed.out_avals]
-    kinds = {a.dtype for a in values if a.dtype.kind == "f"}
-    if len(kinds) != 1 or (real := next(iter(kinds))) not in (np.float32, np.float64):
-        raise NotScalar(f"numbers of type {', '.join(sorted(map(str, kinds))) or 'int alone'}")
-    if odd := {str(a.dtype) for a in values if not isinstance(a.dtype, np.dtype) or a.dtype.kind not in "bif"}:
-        raise NotScalar(f"arrays of type {', '.join(sorted(odd))}")
-    program = Program(np.dtype(real))
-    arguments = []
-    for k, a in enumerate(closed.in_avals):
-        arguments.append(program.whole(program.source(not mapped[k], kind_of(a.dtype), a.size, k), a.shape))
-    program.first_constant = len(arguments)
-    outputs = program.run(closed.jaxpr, [program.numbers(c) for c in closed.consts], arguments)
-    dtypes = [a.dtype for a in values[: len(arguments)]] + [c.dtype for c in program.constants]
-    results = list(zip(outputs, [a.dtype for a in values[len(arguments) :]], strict=True))
-    program.nodes = needed(program.nodes, {s for places in outputs for s in sources_of(places)})
-    return Parts(program, dtypes, results, np.dtype(real))

@@ -21,11 +21,13 @@ class _Shape(NamedTuple):
     kinds: tuple[str, ...]
 
 
-def without_repetition(blocks: Sequence[Sequence[str]], kinds: dict[str, str]) -> tuple[list[str], list[str]]:
+def without_repetition(
+    blocks: Sequence[Sequence[str]], kinds: dict[str, str], called: str = "f"
+) -> tuple[list[str], list[str]]:
     """Definitions of functions, and the statements of all `blocks`, those that come again as calls.
 
     **Arguments**: `blocks`, lines each, whose arrays in memory do not overlap unless they begin together; `kinds`, the
-    C type of each table and value by its name.
+    C type of each table and value by its name; `called`, how the functions' names begin.
     """
     shapes = [_shape("\n".join(lines), kinds) for lines in blocks]
     count = Counter(shape[:1] + shape[2:] for shape in shapes if shape)
@@ -37,7 +39,7 @@ def without_repetition(blocks: Sequence[Sequence[str]], kinds: dict[str, str]) -
             body += lines
             continue
         if key not in names:
-            names[key] = f"f{len(names)}"
+            names[key] = f"{called}{len(names)}"
             parameters = ", ".join(f"{kind}p{k}" for k, kind in enumerate(shape.kinds))
             defined += [f"static void {names[key]}({parameters}) {{", *shape.text.split("\n"), "}"]
         body.append(f"{names[key]}({', '.join(shape.places)});")
@@ -47,7 +49,7 @@ def without_repetition(blocks: Sequence[Sequence[str]], kinds: dict[str, str]) -
 def _shape(text: str, kinds: dict[str, str]) -> _Shape | None:
     """None for what is no function: too short, of too many places, of the arguments, or what others need its values."""
     own = {name: f"v{k}" for k, name in enumerate(dict.fromkeys(_OWN.findall(text)))}
-    if len(text) < _LEAST or "in->" in text or (own and not text.startswith(("for", "{"))):
+    if len(text) < _LEAST or "in->" in text or (own and not text.startswith(("for", "INDEPENDENT", "{"))):
         return None
     places: dict[str, int] = {}
     types = []

@@ -14,34 +14,31 @@ from typing import Any, NamedTuple
 import numpy as np
 from jax.extend.core import ClosedJaxpr
 
-from ._c_dot import LEAST, product
+from ._c_dot import LANES, LEAST, added, product
+from ._c_fields import HIT, Field
+from ._c_loops import blocks
 from ._c_nodes import BITS, Node, sources_of, used_by
 from ._c_order import grouped, laid_out
-from ._c_program import taken_apart
+from ._c_parts import taken_apart
 from ._c_repeated import without_repetition
-from ._c_text import Writer, c_type
+from ._c_text import Writer
+from ._c_while import declared, results_of, statements, structs
 from ._scalar_program import NotScalar
 
 _MOST_STACK = 1 << 20  # bytes
 _LONGEST = 200  # characters of an expression that becomes part of another
+# What loops have in place of these: else, for its branches or errno, compilers make no vectors of them.
+_IN_LOOPS = {"select_r(": "picked_r(", "max_r(": "larger_r(", "min_r(": "smaller_r("}
+_ROOTS = {"sqrt": "sqrts_r", "rsqrt": "rsqrts_r"}  # in single precision
+_INDEPENDENT = (
+    "/* Before a loop none of whose steps reads what another writes. */",
+    "#if defined(__GNUC__) && !defined(__clang__)",
+    '#define INDEPENDENT _Pragma("GCC ivdep")',
+    "#else",
+    "#define INDEPENDENT",
+    "#endif",
+)
 _CALLED = re.compile(r"\b(\w+_[rn])\(")
-
-
-class Field(NamedTuple):
-    """A field of a struct by its `name`: an array of some `shape` and `dtype`, row by row, and a `note` of what it is.
-
-    One without entries is left out of the struct.
-    """
-
-    name: str
-    shape: tuple[int, ...]
-    dtype: np.dtype
-    note: str = ""
-
-    @property
-    def size(self) -> int:
-        """How many entries it has."""
-        return math.prod(self.shape)
 
 
 class Single(NamedTuple):
@@ -53,36 +50,17 @@ class Single(NamedTuple):
     operations: int
 
 
-def struct(name: str, fields: Sequence[Field]) -> str:
-    """The struct `name` of these `fields`, in C, with their shapes and notes as comments."""
-    lines = ["typedef struct {"]
-    for field in fields:
-        if field.size:
-            size = f"[{field.size}]" if field.shape else ""
-            shape = f"[{', '.join(map(str, field.shape))}]" if len(field.shape) > 1 else ""
-            note = ", ".join(text for text in (shape, field.note) if text)
-            lines.append(f"    {c_type(field.dtype)} {field.name}{size};" + (f" /* {note} */" if note else ""))
-    return "\n".join([*lines, f"}} {name};"])
-
-
-def layout(fields: Sequence[Field]) -> np.dtype:
-    """How NumPy sees the struct of these `fields`."""
-    return np.dtype([(f.name, f.dtype, f.shape) for f in fields if f.size], align=True)
-
-
-def single_program(closed: ClosedJaxpr, name: str, inputs: Sequence[Field], outputs: Sequence[Field]) -> Single:
+def single_program(
+    closed: ClosedJaxpr, name: str, inputs: Sequence[Field], outputs: Sequence[Field], most: int | None = None
+) -> Single:
     """A function as C: `void NAME(const NAME_in *in, NAME_out *out)`.
 
     **Arguments**: `closed`, the function, and its `name`; `inputs` and `outputs`, a field for each of its
-    arguments and results.
+    arguments and results; `most`, steps of a `while`: if it is stated, the struct of results has `HIT`, too.
     **Raises** `NotScalar` for what it cannot say in C, as `taken_apart`, and what takes more than 1 MiB of memory.
     """
-    program, dtypes, results, real = taken_apart(closed, [False] * len(inputs))
-    for s, source in enumerate(program.sources):  # constants are part of the text
-        if source.of >= len(inputs):
-            table = program.constants[source.of - len(inputs)]
-            program.sources[s] = source._replace(of=-1, table=table.reshape(-1))
-    return _Writer(program, real, inputs, outputs).function(name, dtypes, results)
+    parts = taken_apart(closed, [False] * len(inputs), most)
+    return _Writer(parts.program, parts.real, inputs, outputs).function(name, parts.dtypes, parts.results)
 
 
 class _Writer(Writer):
@@ -90,10 +68,21 @@ class _Writer(Writer):
 
     def __init__(self, program: Any, real: np.dtype, inputs: Sequence[Field], outputs: Sequence[Field]):
         super().__init__(program, real)
-        self.inputs, self.outputs = inputs, outputs
+        for s, source in enumerate(program.sources):  # constants are part of the text
+            if source.of >= len(inputs):
+                table = program.constants[source.of - len(inputs)]
+                program.sources[s] = source._replace(of=-1, table=table.reshape(-1))
+        self.inputs, self.outputs, self.name = inputs, outputs, ""
+        self.loops: dict[int, str] = {}  # the functions of its loops, by source
+        self.before: list[str] = []  # definitions of these
+        self.stack = 0
         self.large: dict[bytes, str] = {}  # constants that products read, by their numbers
 
-    def function(self, name: str, dtypes: Sequence[np.dtype], results: Sequence[tuple[np.ndarray, np.dtype]]) -> Single:
+    def definition(
+        self, name: str, dtypes: Sequence[np.dtype], results: Sequence[tuple[np.ndarray, np.dtype]], static: str = ""
+    ) -> list[str]:
+        """The function `name`, and before it those that it calls."""
+        self.name = name
         kept = {s for places, _ in results for s in sources_of(places)}
         loads = [[Node(s, "load", None, (), ())] for s in sorted(kept.union(*map(used_by, self.nodes)))]
         loads = [load for load in loads if self.is_converted(self.sources[load[0].out])]
@@ -112,13 +101,31 @@ class _Writer(Writer):
                 blocks.append(lines)
         kinds = {f"s{s}": "R" if source.kind == "f" else "N" for s, source in enumerate(self.sources)}
         kinds |= {line.split()[3].partition("[")[0]: line.split()[2] for line in self.table_lines if "static" in line}
-        functions, body = without_repetition(blocks, kinds)
+        functions, body = without_repetition(blocks, kinds, f"{name}_f" if static else "f")
         for field, (places, _) in zip(self.outputs, results, strict=True):
             body += self.stored(field, places)
         width = self.real.itemsize
+        self.stack += (size["f"] + size["i"]) * width
         memory = [f"{kind} {w}[{size[k]}];" for k, kind, w in (("f", "R", "w"), ("i", "N", "m")) if size[k]]
+        memory += [line for loop in self.loops.values() for line in declared(loop)]
+        if self.program.most is not None:
+            memory.append(f"out->{HIT.name} = 0;")
+        return [
+            *self.before,
+            *functions,
+            "",
+            f"{static}void {name}(const {name}_in *in, {name}_out *out) {{",
+            *(f"    {line}" for line in memory),
+            *([] if "in->" in "\n".join([*functions, *body]) else ["    (void)in;"]),
+            *(f"    {line}" for line in body),
+            "}",
+            "",
+        ]
+
+    def function(self, name: str, dtypes: Sequence[np.dtype], results: Sequence[tuple[np.ndarray, np.dtype]]) -> Single:
+        defined = self.definition(name, dtypes, results)
+        text, width = "\n".join(defined), self.real.itemsize
         kind, whole = ("float", "int32_t") if width == 4 else ("double", "int64_t")
-        text = "\n".join([*functions, *body])
         lines = [
             "#include <math.h>",
             "#include <stdint.h>",
@@ -127,24 +134,33 @@ class _Writer(Writer):
             f"typedef {whole} N;",
             f"#define F(name) name{'##f' if width == 4 else ''}",
             f"#define LAST INT{8 * width}_MAX",
+            *(_INDEPENDENT if "INDEPENDENT" in text else ()),
             "",
             *_functions(text, width == 4),
             "",
             *self.table_lines,
             "",
-            *functions,
-            "",
-            f"void {name}(const {name}_in *in, {name}_out *out) {{",
-            *(f"    {line}" for line in memory),
-            *([] if "in->" in text else ["    (void)in;"]),
-            *(f"    {line}" for line in body),
-            "}",
-            "",
+            *defined,
         ]
         operations = sum(math.prod(n.shape) for n in self.nodes)
-        if (stack := (size["f"] + size["i"]) * width) > _MOST_STACK:
-            raise NotScalar(f"takes {stack:,} bytes of working memory, more than {_MOST_STACK:,}")
-        return Single("\n".join(lines), stack, operations)
+        if self.stack > _MOST_STACK:
+            raise NotScalar(f"takes {self.stack:,} bytes of working memory, more than {_MOST_STACK:,}")
+        return Single("\n".join(lines), self.stack, operations)
+
+    def code(self, group):
+        node = group[0]
+        if node.op == "carried":
+            return results_of(self.loops[node.settings["of"]], node, "i", self)
+        if node.op != "while":
+            return super().code(group)
+        name = self.loops[node.out] = f"{self.name}_loop{len(self.loops)}"
+        inputs, outputs = node.settings["inputs"], node.settings["outputs"]
+        parts = taken_apart(node.settings["closed"], [False] * len(inputs), self.program.most)
+        inner = _Writer(parts.program, self.real, inputs, outputs)
+        inner.tables, inner.table_lines, inner.large = self.tables, self.table_lines, self.large
+        self.before += [*structs(name, node), *inner.definition(name, parts.dtypes, parts.results, "static ")]
+        self.stack += inner.stack
+        return statements(name, node, self.program.most, self)
 
     def used_at_once(self, groups: Sequence[Sequence[Node]]) -> set[int]:
         """Single values that one other is made of, before anything else is written to memory, and nothing else."""
@@ -183,9 +199,39 @@ class _Writer(Writer):
         return f"{'w' if found.kind == 'f' else 'm'}[{place}]"
 
     def dot(self, node):
-        if max(node.shape[1], node.shape[3]) < LEAST or self.sources[node.out].kind != "f":
+        whole = self.sources[node.out].kind != "f"
+        few = max(node.shape[1], node.shape[3]) < LEAST and node.shape[2] < LEAST * LANES and not node.settings
+        if whole or few:
             return super().dot(node)
         return product(node, self, functools.partial(self.at, node.out))
+
+    def loop(self, group):
+        lines = super().loop(group)
+        inner = max(k for k, line in enumerate(lines) if line.startswith("for "))
+        return [*lines[:inner], f"INDEPENDENT {lines[inner]}", *lines[inner + 1 :]]
+
+    def reduce(self, node):
+        rows, length = node.shape
+        kind = self.type(self.sources[node.out])
+        read, fold = self.reader(node.places[0], node.shape, False), in_loops(self.fold(node, kind))
+        lines = [f"for (int i = 0; i < {rows}; i++) {{"]
+        if length < 2 * LANES or length < rows:  # along the rows
+            lines.append(f"{kind} c = {read(['i', '0'])};")
+            lines += [f"c = {fold.format('c', read(['i', str(k)]))};" for k in range(1, length)]
+            return [*lines, f"{self.at(node.out, 'i')} = c;", "}"]
+        lines.append(f"{kind} c[{LANES}];")
+        lines.append(f"for (int l = 0; l < {LANES}; l++) {{ c[l] = {read(['i', 'l'])}; }}")
+        for first, end, m in blocks(length - LANES, LANES):
+            more = fold.format("c[l]", read(["i", f"(k + l + {LANES})"]))
+            lines.append(f"for (int k = {first}; k < {end}; k += {m}) {{")
+            lines.append(f"for (int l = 0; l < {m}; l++) {{ c[l] = {more}; }} }}")
+        return [*lines, *added(["c"], fold), f"{self.at(node.out, 'i')} = c[0];", "}"]
+
+    def operation(self, node, x):
+        if node.shape and node.op in _ROOTS and self.real.itemsize == 4:
+            return f"{_ROOTS[node.op]}({x[0]})"
+        text = super().operation(node, x)
+        return in_loops(text) if node.shape else text
 
     def load(self, group, dtypes):
         s = group[0].out
@@ -206,11 +252,20 @@ class _Writer(Writer):
         return [f"out->{field.name}{i} = {value}{truth};" for i, value in zip(index, values, strict=True)]
 
 
+def in_loops(text: str) -> str:
+    """A statement as a loop has it, so that compilers can make vectors of it."""
+    for name, other in _IN_LOOPS.items():
+        text = text.replace(name, other)
+    return text
+
+
 def _functions(text: str, single: bool) -> list[str]:
     """The definitions of the functions that a text calls, in `single` precision or double."""
     known = {name: each for name, each in _definitions().items() if single or "(float a)" not in each}
-    called = set(_CALLED.findall(text))
-    called |= {name for each in called & known.keys() for name in _CALLED.findall(known[each])}
+    called, new = set(), set(_CALLED.findall(text))
+    while new:
+        called |= new
+        new = {name for each in new & known.keys() for name in _CALLED.findall(known[each])} - called
     own = [each.replace("float a", "R a") for name, each in known.items() if name in called]
     for name in sorted(called - known.keys()):
         two = name in ("atan2_r", "pow_r")

@@ -290,11 +290,7 @@ class Writer:
         read = self.reader(node.places[0], node.shape, lanes)
         sums = min(_SUMS, length)
         whole = length - length % sums
-        by = node.settings["by"]
-        if by in _FOLDS:
-            fold = _FOLDS[by]
-        else:
-            fold = f"{by.removeprefix('reduce_')}_{kind.lower()}({{0}}, {{1}})"
+        fold = self.fold(node, kind)
         lines = [f"for (int i = 0; i < {rows}; i++) {{"]
         lines += [f"    {kind} c{k} = {read(['i', str(k)])};" for k in range(sums)]
         lines.append(f"    for (int j = {sums}; j < {whole}; j += {sums}) {{")
@@ -303,6 +299,11 @@ class Writer:
         lines += [f"    c0 = {fold.format('c0', read(['i', str(k)]))};" for k in range(whole, length)]
         lines += [f"    c0 = {fold.format('c0', f'c{k}')};" for k in range(1, sums)]
         return [*lines, f"    {self.at(node.out, 'i')} = c0;", "}"]
+
+    def fold(self, node, kind: str) -> str:
+        """How a reduction puts two of a `kind` together."""
+        by = node.settings["by"]
+        return _FOLDS.get(by) or f"{by.removeprefix('reduce_')}_{kind.lower()}({{0}}, {{1}})"
 
     def dot(self, node) -> list[str]:
         batch, rows, length, columns = node.shape
@@ -327,6 +328,8 @@ class Writer:
                 lines.append("            }")
                 for r, s in pairs:
                     where = f"(n * {rows} + i + {r}) * {columns} + j + {s}"
+                    if node.settings.get("batch") == "last":
+                        where = f"((i + {r}) * {columns} + j + {s}) * {batch} + n"
                     lines.append(f"            {self.at(node.out, where)} = c{r}{s};")
                 lines.append("        }")
             lines.append("    }")

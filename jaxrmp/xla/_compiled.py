@@ -14,7 +14,7 @@ import jax
 import numpy as np
 from jax.experimental.xla_metadata import set_xla_metadata
 
-from .._errors import ShapeError, UnknownNameError
+from .._errors import ConfigurationError, ShapeError, UnknownNameError
 from ._arguments import fitting
 from ._compiled_in_c import CompiledInC
 from ._plan import logger
@@ -86,9 +86,14 @@ class Compiled:
 @overload
 def compiled(function: Callable[..., Any], *examples: Any, backend: Literal["xla"] = "xla") -> Compiled: ...
 @overload
-def compiled(function: Callable[..., Any], *examples: Any, backend: Literal["c"]) -> CompiledInC: ...
 def compiled(
-    function: Callable[..., Any], *examples: Any, backend: Literal["xla", "c"] = "xla"
+    function: Callable[..., Any], *examples: Any, backend: Literal["c"], max_iterations: int | None = None
+) -> CompiledInC: ...
+def compiled(
+    function: Callable[..., Any],
+    *examples: Any,
+    backend: Literal["xla", "c"] = "xla",
+    max_iterations: int | None = None,
 ) -> Compiled | CompiledInC:
     """Compile `function` for a loop that calls it from Python with one state after the other.
 
@@ -102,8 +107,9 @@ def compiled(
     precision. Where an example is a JAX array, the loop passes one, too, which stays on its device: for what is large
     and seldom changes. `backend`, "xla", or "c": faster still, for what C can say (`jaxrmp.export.c`), where there is a
     C compiler, which takes some seconds, once: programs are kept in the folder that `JAXRMP_CACHE` names.
+    `max_iterations`, for "c", steps that a `while` may take, such as Lula's projection, which takes 50 at most.
     **Returns** a function of such arguments that returns NumPy arrays, which are not to be written to. It **raises**
-    `ShapeError` for arguments of other shapes or types.
+    `ShapeError` for arguments of other shapes or types, and for "c" `ExportError` where a `while` takes more steps.
     **Raises** `TypeError` if an example holds what is no array; for "c", `ExportError` for what has no form in C, and
     where there is no compiler.
 
@@ -115,7 +121,11 @@ def compiled(
     (2,)
     """
     UnknownNameError.check("backend", backend, ("xla", "c"))
-    return Compiled(function, examples) if backend == "xla" else CompiledInC(function, examples)
+    if backend == "c":
+        return CompiledInC(function, examples, max_iterations)
+    if max_iterations is not None:
+        raise ConfigurationError('max_iterations is for backend="c"; XLA runs a `while` as it is.')
+    return Compiled(function, examples)
 
 
 def _laid_out(leaves: Sequence[Any]) -> tuple[list[_Slot | None], list[np.ndarray]]:

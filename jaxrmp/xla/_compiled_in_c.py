@@ -12,7 +12,9 @@ import numpy as np
 from .._errors import ExportError, ShapeError
 from ._arguments import fitting
 from ._c_compiler import library_of
-from ._c_single import Field, layout, single_program, struct
+from ._c_fields import HIT, Field, layout, struct
+from ._c_single import single_program
+from ._c_while import require_count
 from ._scalar_program import NotScalar
 from ._switch import machinery
 
@@ -25,7 +27,8 @@ class CompiledInC:
     Any number of threads may call it; they take turns.
     """
 
-    def __init__(self, function: Callable[..., Any], examples: tuple[Any, ...]):
+    def __init__(self, function: Callable[..., Any], examples: tuple[Any, ...], max_iterations: int | None = None):
+        require_count(max_iterations)
         with machinery(True):
             closed, shape = jax.make_jaxpr(function, return_shape=True)(*examples)
         self._structure = jax.tree.structure(examples)
@@ -37,9 +40,13 @@ class CompiledInC:
             for avals in (closed.in_avals, closed.out_avals)
         )
         try:
-            program = single_program(closed, "program", inputs, outputs)
+            program = single_program(closed, "program", inputs, outputs, max_iterations)
         except NotScalar as error:
-            raise ExportError(f'backend="c": the function {error}, which has no form in C.') from error
+            advice = "state max_iterations=N" if "stated count" in str(error) else "which has no form in C"
+            raise ExportError(f'backend="c": the function {error}, {advice}.') from error
+        if max_iterations is not None:
+            outputs = [*outputs, HIT]
+        self._most = max_iterations
         text = f"#include <stdint.h>\n{struct('program_in', inputs)}\n{struct('program_out', outputs)}\n{program.text}"
         try:
             library = ctypes.CDLL(str(library_of(text, _FLAGS, ["-lm"])))
@@ -61,4 +68,6 @@ class CompiledInC:
                 place[...] = fitting(leaf, shape, dtype)
             self._function(*self._memory)
             found = [value.copy() for value in self._values]
+        if self._most is not None and found.pop():
+            raise ExportError(f"a `while` was cut off after {self._most} steps: give a larger max_iterations.")
         return found[0] if self._single else jax.tree.unflatten(self._results, found)

@@ -71,7 +71,7 @@ def test_whole_arm(method, precision, skills, tmp_path):
 def test_the_command_writes_what_builds_and_comes_to_rest_where_jax_does(skills, tmp_path, capsys):
     save_skill(skills["flow"], tmp_path / "drawer.skill.npz")
     out = tmp_path / "c"
-    command = ["export", str(tmp_path / "drawer.skill.npz"), "--c", str(out), "--certificate"]
+    command = ["export", str(tmp_path / "drawer.skill.npz"), "--c", str(out), "--certificate", "--while-count", "9"]
     assert main([*command, "--demos", "synthetic:drawer_closing", "--quiet"]) == 0
     assert {f.name for f in out.iterdir()} == {
         *("drawer_closing.c", "drawer_closing.h"),
@@ -81,6 +81,7 @@ def test_the_command_writes_what_builds_and_comes_to_rest_where_jax_does(skills,
     assert "drawer_closing.c, drawer_closing.h" in printed
     fingerprint = printed.split("fingerprint ")[1].split()[0]
     assert f'DRAWER_CLOSING_FINGERPRINT "{fingerprint}"' in (out / "drawer_closing.h").read_text()
+    assert "int32_t bound_hit;" in (out / "drawer_closing.h").read_text()
     sources = [str(out / name) for name in ("drawer_closing.c", "main.c")]
     subprocess.run(["gcc", *STRICT.split(), "-O2", *sources, "-o", str(out / "main"), "-lm"], check=True)
     ran = subprocess.run([str(out / "main")], capture_output=True, text=True, check=True).stdout

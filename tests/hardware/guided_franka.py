@@ -1,6 +1,7 @@
 """A Franka of franky-sim that somebody guides by hand, over and over: run in franky-sim's environment by the tests.
 
-Its joints are led along a slow swing, as a hand would, while the robot itself is idle; the network side is franky-sim's.
+Its joints are led along a slow swing, as a hand would, while the robot itself is idle; the network side is
+franky-sim's.
 """
 
 import math

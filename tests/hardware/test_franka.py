@@ -193,7 +193,7 @@ def drawer(learned_drawer):
 
 def jaxrmp(*arguments, **options):
     command = [sys.executable, "-m", "jaxrmp", *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, timeout=400, **options)
+    return subprocess.run(command, capture_output=True, text=True, timeout=400, check=False, **options)
 
 
 def on(sim):

@@ -149,7 +149,7 @@ def test_a_skill(of, x64):
     assert_same(*both(partial(of, policy), np.eye(4), *arm_states(MANY), in_axes=(None, 0, 0)), 1e-5)
 
 
-@pytest.mark.parametrize("of", [values, slopes])  # its projection is a loop, which is not written in C
+@pytest.mark.parametrize("of", [values, slopes])  # its projection is a loop, which batches do not write in C
 def test_lula(of, x64):
     folder = Path(os.environ.get("JAXRMP_DATA") or os.devnull) / "lula"
     if not folder.is_dir():
