@@ -103,9 +103,9 @@ def check_model(arm: Any, robot: Robot, state: hardware.ArmState) -> str | None:
     k = int(np.argmin(place))
     if place[k] > _SAME:
         raise ConfigurationError(
-            f"{arm.name} says that its flange is at {np.round(T[:3, 3], 3).tolist()}, and no frame of {robot.name!r} is: "
-            f"the nearest, {robot.frame_names[k]}, is {1000 * place[k]:.0f} mm away. The skill is of another arm, or its "
-            "base is not where the arm's is."
+            f"{arm.name} says that its flange is at {np.round(T[:3, 3], 3).tolist()}, and no frame of {robot.name!r} "
+            f"is: {robot.frame_names[k]}, the nearest, is {1000 * place[k]:.0f} mm away. It is another arm's skill, or "
+            "its base is not where the arm's is."
         )
     axis = poses[place <= _SAME][:, :3, 2] @ T[:3, 2]  # flanges are named with one turn about their axis or another
     return None if axis.max() > 1 - _SAME_TURN else f"no frame of {robot.name!r} at the arm's flange has its axis"
@@ -115,10 +115,8 @@ def narrower(arm: Any, robot: Robot) -> list[str]:
     """Joints whose range the arm has narrower than the policy's robot, in words."""
     lower, upper = np.asarray(robot.lower, float), np.asarray(robot.upper, float)
     less = (np.asarray(arm.limits.lower) > lower + 0.01) | (np.asarray(arm.limits.upper) < upper - 0.01)
-    return [
-        f"{robot.joint_names[k]} {arm.limits.lower[k]:.2f} to {arm.limits.upper[k]:.2f} ({lower[k]:.2f} to {upper[k]:.2f})"
-        for k in np.flatnonzero(less)
-    ]
+    ranges = zip(robot.joint_names, arm.limits.lower, arm.limits.upper, lower, upper, less, strict=True)
+    return [f"{name} {a:.2f} to {b:.2f} ({c:.2f} to {d:.2f})" for name, a, b, c, d, narrow in ranges if narrow]
 
 
 def write_log(

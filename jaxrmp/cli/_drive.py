@@ -19,6 +19,7 @@ from ._output import progress_bar, tell, write_json
 from ._sources import demonstrations_of, scene_of
 
 _GO_SPEED = 0.5  # of `to_posture`, times --speed
+_PRIORITY = 50  # of real-time scheduling
 _DRY_PERIOD = 0.1  # s between the lines of --dry-run
 _DRY_LINES = 50
 
@@ -80,6 +81,7 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
                     interface=arguments.interface,
                     names=robot.joint_names,
                     running=running,
+                    priority=_PRIORITY if arguments.realtime == "enforce" else 0,
                 )
             finally:
                 sightings.close()
@@ -138,8 +140,10 @@ def dry_run(
     lines = ["nothing is sent; velocities that would be, rad/s", "   time_s  " + "  ".join(robot.joint_names)]
     every, still = round(_DRY_PERIOD / period), 0
     obstacles = hardware.slots_of(law, seen)
+    zeros = np.zeros_like(qd)
     for k in range(round(settings.duration / period)):
-        step = law.step(seen.T_world_object, obstacles, q.astype(np.float32), qd, qdd, np.float32(settings.speed))
+        at = q.astype(np.float32)
+        step = law.step(seen.T_world_object, obstacles, at, at, qd, qdd, zeros, np.float32(settings.speed))
         qd, qdd = step.qd, step.qdd
         q = q + period * qd
         if not np.isfinite(qd).all():
@@ -176,6 +180,8 @@ def _report(
     print(report_text(report))
     if unread := report["datagrams_not_read"]:
         tell(f"{unread} datagrams of the tracker could not be read: {getattr(sightings, 'why', '')}")
+    if arguments.realtime == "enforce" and not found.real_time:
+        tell("the system did not let this be scheduled in real time (SCHED_FIFO): cycles may come late.")
     if found.log.full:
         tell("the log is full: the last cycles are not in it.")
     if found.end == hardware.DriveEnd.INTERRUPTED:
@@ -193,8 +199,8 @@ def _report(
 def report_dict(
     skill: Skill, robot: Robot, law: hardware.Law, found: hardware.Drive, arrays: dict[str, np.ndarray]
 ) -> dict[str, Any]:
-    """A drive in numbers: how it ended and why; where, in cm or, of a turn alone, degrees from the goal; its cycles, how
-    many were late, and how long our part of them took."""
+    """A drive in numbers: how it ended and why; where, in cm or, of a turn alone, degrees from the goal; its cycles,
+    how many were late, and how long our part of them took."""
     busy = 1e6 * arrays["log_busy"][np.isfinite(arrays["log_busy"])]
     share = {f"p{name}": float(np.percentile(busy, p)) for name, p in (("50", 50), ("99", 99), ("99_9", 99.9))}
     count = found.log.count
@@ -211,6 +217,7 @@ def report_dict(
         "busy_us": share if len(busy) else None,
         "limited": float(np.mean(cut[~arrays["log_braking"]])) if count and not arrays["log_braking"].all() else None,
         "backend": law.backend,
+        "real_time": found.real_time,
         "energy_watched": not law.uncertified,
     }
 

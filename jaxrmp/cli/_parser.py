@@ -207,8 +207,8 @@ _COMMANDS: dict[str, tuple[str, str, str, list[tuple[str, dict[str, Any]]]]] = {
     "drive": (
         "drive an arm by a skill",
         "A skill on an arm: a Franka over its network interface, or one in a scene of MuJoCo, cycle by cycle, within "
-        "its limits, watched, and stopped when something is wrong. It starts only near a stated posture. Exit code 0 if it "
-        "came to rest at the goal.",
+        "its limits, watched, and stopped when something is wrong. It starts only near a stated posture. Exit code 0 "
+        "if it came to rest at the goal.",
         f"{_DRAWER} --robot franka --host 172.16.0.2 --speed 0.3 --go --log out/drives",
         [
             _argument("SKILL", _SKILL),

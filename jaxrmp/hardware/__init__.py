@@ -14,6 +14,7 @@ from ._drive import slots_of as slots_of
 from ._franka_arm import FR3_LIMITS as FR3_LIMITS
 from ._franka_arm import FrankaArm as FrankaArm
 from ._law import Law as Law
+from ._law import Looked as Looked
 from ._law import Step as Step
 from ._law import law as law
 from ._limits import Limited as Limited

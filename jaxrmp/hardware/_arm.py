@@ -16,7 +16,7 @@ class ArmState(NamedTuple):
 
     `time`, s, by the arm's own clock; `q`, `qd` [n], measured, rad and rad/s; `q_d`, `qd_d` [n], where it takes
     itself to have been told to be, and how fast; `external` [n], its own estimate of torques from outside, N m, NaN
-    where it has none.
+    where it has none; `arrived`, when it was there, by `time.perf_counter`.
     """
 
     time: float
@@ -25,6 +25,7 @@ class ArmState(NamedTuple):
     q_d: np.ndarray
     qd_d: np.ndarray
     external: np.ndarray
+    arrived: float
 
 
 class Arm(Protocol):
@@ -70,6 +71,7 @@ class Arm(Protocol):
         ...
 
 
-def state_of(time: float, *columns: Any) -> ArmState:
+def state_of(arrived: float, time: float, q: Any, qd: Any, q_d: Any, qd_d: Any, external: Any) -> ArmState:
     """An `ArmState` of anything that NumPy takes for numbers."""
-    return ArmState(float(time), *(np.array(column, np.float32) for column in columns))
+    columns = (np.array(column, np.float32) for column in (q, qd, q_d, qd_d, external))
+    return ArmState(float(time), *columns, arrived)

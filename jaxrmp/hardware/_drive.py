@@ -3,6 +3,7 @@
 import contextlib
 import enum
 import gc
+import os
 import time
 from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
@@ -14,18 +15,12 @@ from ..simulation import tracking_acceleration
 from ..world import Spheres
 from ._arm import INTERFACES, Arm, ArmState, Interface
 from ._law import Law, Step
-from ._limits import Limited
 from ._log import Log
 from ._sightings import Sighting, Sightings
 from ._watch import DriveSettings, Watch
 
 _STIFFNESS, _DAMPING = 400.0, 40.0  # 1/s^2, 1/s: how torques hold the arm at its reference; and, since light links have
 _STIFFER, _DAMPER = 8.0, 0.8  # friction as others have, 1/rad and s/rad times each joint's largest torque
-_NEARING, _NEAREST, _NEARER = (
-    4.0,
-    0.1,
-    0.5,
-)  # 1/s, rad/s, rad/s^2: how velocities mend what the arm is off its reference
 _STOPPED = 1e-3  # rad/s, below which a braking arm is told to stand
 _STANDING, _STANDS, _PATIENCE = 0.002, 0.2, 5.0  # rad, s, s: an arm is driven once it moved no more in so long
 _WARM = 300  # calls before the arm moves
@@ -45,13 +40,15 @@ class DriveEnd(enum.Enum):
 
 class Drive(NamedTuple):
     """A drive as it went: how it ended and the `reason`, in words; its `log`; `late`, cycles that came after more than
-    one and a half of the arm's periods; `state`, the last one that was read."""
+    one and a half of the arm's periods; `state`, the last one that was read; `real_time`, whether it was scheduled
+    so."""
 
     end: DriveEnd
     reason: str
     log: Log
     late: int
     state: ArmState
+    real_time: bool = False
 
 
 def drive(
@@ -64,6 +61,7 @@ def drive(
     interface: Interface = "velocity",
     names: tuple[str, ...] = (),
     running: Callable[[], bool] = lambda: True,
+    priority: int = 0,
 ) -> Drive:
     """Drive an `arm` by a `law` until it rests, or something stops it; then it stands still.
 
@@ -73,7 +71,8 @@ def drive(
     says no, the arm is braked straight on, within its limits, and the motion ended as it stands.
 
     **Arguments**: `sightings`, where the object is; `start` [n], where the arm must be to begin, None for anywhere;
-    `names`, of joints, for messages.
+    `names`, of joints, for messages; `priority`, 1 to 99 to be scheduled in real time (SCHED_FIFO) where the system
+    lets us, which `Drive.real_time` says.
     **Returns** a `Drive`: what went wrong on the way is in it, and not raised, so that the log is kept.
     **Raises** before anything moves: `ConfigurationError` for an arm that is not near `start` or has not the
     `interface`, `ArmError` for one that cannot be read or started.
@@ -88,9 +87,10 @@ def drive(
     watch = Watch(settings, arm.limits, names, not law.uncertified)
     obstacles = _Obstacles(law.obstacles)
     _warm_up(law, state, sightings.newest(), obstacles, settings.speed)
-    with _no_garbage():
+    with _no_garbage(), _scheduled(priority) as real_time:
         arm.start(interface)
-        return _cycles(arm, law, sightings, settings, interface, running, log, watch, obstacles, state)
+        found = _cycles(arm, law, sightings, settings, interface, running, log, watch, obstacles, state)
+        return found._replace(real_time=real_time)
 
 
 def _standing(arm: Arm) -> ArmState:
@@ -116,8 +116,8 @@ def check_start(q: np.ndarray, start: Any, near: float, names: tuple[str, ...]) 
         far = [f"{names[k]} by {apart[k]:.2f}" for k in np.flatnonzero(apart > near)]
         raise ConfigurationError(
             f"the arm is not at the start: {', '.join(far)} rad away, and {near:g} is allowed. It is at "
-            f"{np.round(q, 3).tolist()}, the start is {np.round(start, 3).tolist()}. Take it there first (--go moves it "
-            "there, slowly), or state another start."
+            f"{np.round(q, 3).tolist()}, the start is {np.round(start, 3).tolist()}. Take it there first (--go "
+            "moves it there, slowly), or state another start."
         )
 
 
@@ -134,14 +134,14 @@ def _cycles(
     state: ArmState,
 ) -> Drive:
     n, period, speed = arm.joints, arm.period, np.float32(settings.speed)
-    qd, qdd = np.zeros(n, np.float32), np.zeros(n, np.float32)
-    reference, drift = np.zeros(n), np.zeros(n)
+    qd = qdd = nothing = np.zeros(n, np.float32)
+    drift, reference = qd, np.zeros(n)
+    strength = np.where(np.isfinite(arm.limits.torque), arm.limits.torque, 0.0)
     end, reason, late, still = None, "", 0, 0.0
     began: float | None = None
     try:
         while True:
             last, state = state, arm.read()
-            entered = time.perf_counter()
             if began is None:
                 began, dt, reference = state.time, period, state.q_d.astype(float)
             else:
@@ -149,13 +149,14 @@ def _cycles(
                 if dt > 1.5 * period:
                     late += 1
                     if interface == "velocity":  # the arm went on by itself
-                        qd = state.qd_d - drift.astype(np.float32)
+                        qd = state.qd_d - drift
                 reference = reference + dt * qd
             state = state._replace(q_d=reference.astype(np.float32))
             seen = sightings.newest()
             step = None
             if not reason:
-                step = law.step(seen.T_world_object, obstacles.of(seen), state.q_d, qd, qdd, speed)
+                spheres = obstacles.of(seen)
+                step = law.step(seen.T_world_object, spheres, state.q_d, state.q, qd, qdd, drift, speed)
                 if reason := watch.look(state, dt, seen, step):
                     end = DriveEnd.STOPPED
                 elif not running():
@@ -163,26 +164,20 @@ def _cycles(
                 elif state.time - began > settings.duration:
                     end, reason = DriveEnd.TIME, f"did not come to rest within {settings.duration:g} s"
             if reason:
-                step = _braking(law.brake(state.q_d, qd, qdd), step, n)
+                step = _braking(law.brake(state.q_d, state.q, qd, qdd, drift), step)
             assert step is not None
-            qd, qdd = step.qd, step.qdd
-            fastest = float(np.abs(qd).max())
-            slow = fastest < settings.still * settings.speed and state.time - began > settings.hold
+            qd, qdd, drift = step.qd, step.qdd, step.drift
+            slow = step.looked.fastest < settings.still * settings.speed and state.time - began > settings.hold
             still = still + dt if slow else 0.0
             if not reason and still >= settings.hold:
                 end, reason = DriveEnd.RESTED, "came to rest"
+            last_one = bool(reason) and bool(step.looked.sent < _STOPPED)
             if interface == "torque":
-                command = _torque(arm, state, qd, qdd)
+                command = _torque(arm, state, qd, qdd, strength)
             else:
-                mended = np.zeros(n) if reason else (_NEARING * (reference - state.q)).clip(-_NEAREST, _NEAREST)
-                drift = drift + (mended - drift).clip(-_NEARER * period, _NEARER * period)
-                command = qd + drift
-            last_one = bool(reason) and fastest + float(np.abs(drift).max()) < _STOPPED
-            if last_one and interface == "velocity":
-                command = np.zeros(n)
-            log.add(state, dt, seen, step, bool(reason))
+                command = nothing if last_one else step.command
             arm.send(command, last_one)
-            log.took(time.perf_counter() - entered)
+            log.add(state, dt, seen, step, bool(reason), time.perf_counter() - state.arrived)
             if last_one:
                 assert end is not None
                 return Drive(end, reason, log, late, state)
@@ -197,19 +192,17 @@ def _cycles(
         raise
 
 
-def _braking(given: Limited, step: Step | None, joints: int) -> Step:
-    """The step of an arm that brakes: as `given`, and what the policy still said, if it was asked."""
-    if step is not None:
-        return step._replace(qd=given.qd, qdd=given.qdd, cut=given.cut)
-    nothing = np.full(joints, np.nan, np.float32)
-    return Step(given.qd, given.qdd, nothing, given.cut, nothing[0], nothing[0])
+def _braking(given: Step, asked: Step | None) -> Step:
+    """The step of an arm that brakes: as `given`, and what the policy still said, if it was `asked`."""
+    if asked is None:
+        return given
+    return given._replace(wanted=asked.wanted, energy=asked.energy, dissipation=asked.dissipation)
 
 
-def _torque(arm: Arm, state: ArmState, qd: np.ndarray, qdd: np.ndarray) -> np.ndarray:
+def _torque(arm: Arm, state: ArmState, qd: np.ndarray, qdd: np.ndarray, strength: np.ndarray) -> np.ndarray:
     """Torques [n] besides gravity's that hold the arm at its reference: `M (qdd + kp e + kd ed) + c + K e + D ed`."""
     M, bias = arm.dynamics()
     wanted = tracking_acceleration(qdd, state.q_d - state.q, qd - state.qd, _STIFFNESS, _DAMPING)
-    strength = np.where(np.isfinite(arm.limits.torque), arm.limits.torque, 0.0)
     held = _STIFFER * (state.q_d - state.q) + _DAMPER * (qd - state.qd)
     return np.asarray(M @ wanted + bias + strength * held)
 
@@ -238,8 +231,8 @@ def slots_of(law: Law, seen: Sighting) -> Any:
 def _warm_up(law: Law, state: ArmState, seen: Sighting, obstacles: _Obstacles, speed: float) -> None:
     zeros = np.zeros_like(state.q_d)
     for _ in range(_WARM):
-        law.step(seen.T_world_object, obstacles.of(seen), state.q_d, zeros, zeros, np.float32(speed))
-        law.brake(state.q_d, zeros, zeros)
+        law.step(seen.T_world_object, obstacles.of(seen), state.q_d, state.q, *(zeros,) * 3, np.float32(speed))
+        law.brake(state.q_d, state.q, *(zeros,) * 3)
 
 
 @contextlib.contextmanager
@@ -253,3 +246,21 @@ def _no_garbage() -> Iterator[None]:
     finally:
         if was:
             gc.enable()
+
+
+@contextlib.contextmanager
+def _scheduled(priority: int) -> Iterator[bool]:
+    """With a `priority` of real-time scheduling, zero for none; whether the system let us."""
+    if not priority or not hasattr(os, "sched_setscheduler"):
+        yield False
+        return
+    before = os.sched_getscheduler(0), os.sched_getparam(0)
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
+    except OSError:
+        yield False
+        return
+    try:
+        yield True
+    finally:
+        os.sched_setscheduler(0, *before)

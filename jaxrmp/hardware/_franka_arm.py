@@ -1,5 +1,6 @@
 """A Franka Research 3 over its network interface (FCI), by its maker's pylibfranka."""
 
+import time
 from typing import Any
 
 import numpy as np
@@ -66,8 +67,8 @@ class FrankaArm:
                 self._raw = self._robot.read_once()
             else:
                 self._raw, _ = self._control.readOnce()
-        raw = self._raw
-        return state_of(raw.time.to_sec(), raw.q, raw.dq, raw.q_d, raw.dq_d, raw.tau_ext_hat_filtered)
+        arrived, raw = time.perf_counter(), self._raw
+        return state_of(arrived, raw.time.to_sec(), raw.q, raw.dq, raw.q_d, raw.dq_d, raw.tau_ext_hat_filtered)
 
     def start(self, interface: Interface) -> None:
         """Begin a motion."""

@@ -14,32 +14,57 @@ from .._pytree import single
 from ..world import Spheres, World
 from ..xla import compiled
 from ._arm import Arm
-from ._limits import Limited, brake, check_limits, limited
+from ._limits import Limited, MotionLimits, brake, check_limits, limited
+
+_NEARING, _NEAREST, _NEARER = (
+    4.0,
+    0.1,
+    0.5,
+)  # 1/s, rad/s, rad/s^2: how velocities mend what the arm is off its reference
+_FAR = 1e3  # rad, from the end of a range that a joint does not move to
+_NEXT_TO_NOTHING = 0.01  # of an acceleration
 
 
 class Step(NamedTuple):
-    """What a law gives at a state: the next command `qd` and `qdd` [n]; `wanted` [n], what the policy asked for;
-    `cut` [n], what the limits took of that; `energy` V and its `dissipation` per second, in the policy's own time."""
+    """What a law gives in a cycle, besides `Looked`: the reference's next velocity `qd` and acceleration `qdd` [n]; the
+    velocities to send, `command` [n], which mend by `drift` [n] what the arm has drifted from the reference; `wanted`
+    [n], what the policy asked for; `energy` V and its `dissipation` per
+    second, in the policy's own time. Of a law that brakes, NaN where the policy was not asked."""
 
     qd: Any
     qdd: Any
+    command: Any
+    drift: Any
     wanted: Any
-    cut: Any
     energy: Any
     dissipation: Any
+    looked: "Looked"
+
+
+class Looked(NamedTuple):
+    """What a watch looks at: `finite`, whether all of the policy is; `apart`, the largest distance of a joint from its
+    reference, and `end`, the least to the end of a range that a joint moves to, rad; `fastest`, rad/s, of the
+    reference, and `sent`, of the command; `free`, whether limits took next to nothing."""
+
+    finite: Any
+    apart: Any
+    end: Any
+    fastest: Any
+    sent: Any
+    free: Any
 
 
 class Law(NamedTuple):
     """Two compiled functions, and what they are.
 
-    `step(T, spheres, q, qd, last, speed)`, of where the object is [4, 4], the obstacles, joint positions, and velocity
-    and acceleration of the last command [n], gives a `Step`; `brake(q, qd, last)` gives a `Limited`. `obstacles`, how
-    many slots there are; `backend`, "c" or "xla", and `reason`, why it is not C; `uncertified`, names of leaves that
-    void the certificate.
+    `step(T, spheres, q, measured, qd, last, drift, speed)`, of where the object is [4, 4], the obstacles, the reference
+    and the joints as measured, and the last step's `qd`, `qdd` and `drift` [n], gives a `Step`; so does
+    `brake(q, measured, qd, last, drift)`. `obstacles`, how many slots there are; `backend`, "c" or "xla", and `reason`,
+    why it is not C; `uncertified`, names of leaves that void the certificate.
     """
 
     step: Callable[..., Step]
-    brake: Callable[..., Limited]
+    brake: Callable[..., Step]
     obstacles: int
     backend: str
     reason: str
@@ -64,19 +89,22 @@ def law(policy: Any, arm: Arm, obstacles: int = 0, backend: str = "auto") -> Law
     policy = policy if jax.tree_util.all_leaves([policy]) else single(policy)
     slots = single(Spheres.of([], capacity=obstacles)) if obstacles else None
 
-    def step(T: Any, spheres: Any, q: Any, qd: Any, last: Any, speed: Any) -> Step:
+    def step(T: Any, spheres: Any, q: Any, measured: Any, qd: Any, last: Any, drift: Any, speed: Any) -> Step:
         found = policy.tree(T, World(spheres=spheres)).measure(q, qd / speed)
         wanted = speed * speed * resolve(found.form.dense())
         given = limited(limits, q, qd, last, wanted, period)
-        return Step(given.qd, given.qdd, wanted, given.cut, found.energy, found.dissipation)
+        drift = mended(drift, _NEARING * (q - measured), period)
+        return _step(limits, q, measured, given, drift, wanted, found.energy, found.dissipation)
 
-    def stopping(q: Any, qd: Any, last: Any) -> Limited:
-        return brake(limits, q, qd, last, period)
+    def stopping(q: Any, measured: Any, qd: Any, last: Any, drift: Any) -> Step:
+        given = brake(limits, q, qd, last, period)
+        nothing = jnp.full_like(q, jnp.nan)
+        return _step(limits, q, measured, given, mended(drift, 0.0 * q, period), nothing, nothing[0], nothing[0])
 
     vector, T = np.zeros(n, np.float32), np.eye(4, dtype=np.float32)
     slots = jax.tree.map(np.asarray, slots)
-    steps = (step, T, slots, vector, vector, vector, np.float32(1.0))
-    brakes = (stopping, vector, vector, vector)
+    steps = (step, T, slots, *(vector,) * 5, np.float32(1.0))
+    brakes = (stopping, *(vector,) * 5)
     names = tuple(uncertified_leaves(policy.tree(jnp.asarray(T), World(spheres=slots))))
     reason = ""
     if backend != "xla":
@@ -87,3 +115,30 @@ def law(policy: Any, arm: Arm, obstacles: int = 0, backend: str = "auto") -> Law
                 raise
             reason = str(error)
     return Law(compiled(*steps), compiled(*brakes), obstacles, "xla", reason, names)
+
+
+def mended(drift: Any, wanted: Any, period: Any) -> Any:
+    """`drift` [n], velocities that mend what an arm has drifted from its reference, on its way to those `wanted`."""
+    most = _NEARER * period
+    return drift + jnp.clip(jnp.clip(wanted, -_NEAREST, _NEAREST) - drift, -most, most)
+
+
+def _step(
+    limits: MotionLimits,
+    q: Any,
+    measured: Any,
+    given: Limited,
+    drift: Any,
+    wanted: Any,
+    energy: Any,
+    dissipation: Any,
+) -> Step:
+    command = given.qd + drift
+    finite = jnp.isfinite(given.qd).all() & jnp.isfinite(wanted).all() & jnp.isfinite(energy)
+    far = jnp.full_like(q, _FAR)
+    low = jnp.where(given.qd < 0, q - limits.lower, far)
+    high = jnp.where(given.qd > 0, limits.upper - q, far)
+    free = jnp.abs(given.cut).max() <= _NEXT_TO_NOTHING * (1.0 + jnp.abs(wanted).max())
+    fastest, sent = jnp.abs(given.qd).max(), jnp.abs(command).max()
+    looked = Looked(finite, jnp.abs(q - measured).max(), jnp.minimum(low, high).min(), fastest, sent, free)
+    return Step(given.qd, given.qdd, command, drift, wanted, energy, dissipation, looked)

@@ -39,8 +39,9 @@ class Log:
         self._braking = np.zeros(cycles, bool)
         self._T = np.full((cycles, 4, 4), np.nan, np.float32)
 
-    def add(self, state: ArmState, dt: float, seen: Sighting, step: Step, braking: bool) -> None:
-        """A cycle: its state, s since the last one, what was seen, what the law gave, whether the arm brakes."""
+    def add(self, state: ArmState, dt: float, seen: Sighting, step: Step, braking: bool, busy: float) -> None:
+        """A cycle: its state, s since the last one, what was seen, what the law gave, whether the arm brakes, s from
+        its state to its command."""
         k = self.count
         if k == len(self._time):
             self.full = True
@@ -49,20 +50,16 @@ class Log:
         rows = (state.qd, state.q_d, step.qd, step.qdd, step.wanted, state.external)
         for name, row in zip(_VECTORS, rows, strict=True):
             self._vectors[name][k] = row
-        for name, value in zip(_NUMBERS, (dt, step.energy, step.dissipation, seen.age), strict=False):
+        for name, value in zip(_NUMBERS, (dt, step.energy, step.dissipation, seen.age, busy), strict=True):
             self._numbers[name][k] = value
         self.count = k + 1
-
-    def took(self, seconds: float) -> None:
-        """How long our part of the cycle that was added last took, s."""
-        if self.count:
-            self._numbers["busy"][self.count - 1] = seconds
 
     def arrays(self) -> dict[str, np.ndarray]:
         """`time` [T] from zero, s, `joint_positions` [T, n], `T_world_object` [T, 4, 4], and by `log_...`: joint
         `velocities`, positions, velocities and accelerations `told`, accelerations `wanted` by the policy, `external`
-        torques, each [T, n]; `dt`, `energy`, `dissipation`, the `age` of the sighting, s, how long our part of the
-        cycle took, `busy`, s, and whether it was `braking`, each [T]; NaN for what there was not."""
+        torques, each [T, n]; `dt`, `energy`, `dissipation`, the `age` of the sighting, s, how long it
+        took from a state to its command, `busy`, s, and whether it was `braking`, each [T]; NaN for what there was
+        not."""
         kept = slice(self.count)
         found = {"time": self._time[kept] - self._time[0] if self.count else self._time[kept]}
         found |= {"joint_positions": self._q[kept], "T_world_object": self._T[kept].astype(float)}

@@ -54,7 +54,7 @@ class MujocoArm:
         if not (np.isfinite(self.data.qpos).all() and np.isfinite(self.data.qvel).all()):
             raise ArmError(f"{self.name}: its state is not finite.")
         q, qd = self._arm.state()
-        return state_of(self.data.time, q, qd, self._q_d, self._qd_d, np.full(self.joints, np.nan))
+        return state_of(time.perf_counter(), self.data.time, q, qd, self._q_d, self._qd_d, np.full(self.joints, np.nan))
 
     def start(self, interface: Interface) -> None:
         """From now on, by `interface`."""

@@ -63,29 +63,33 @@ class Watch:
             return f"{1000 * dt:.0f} ms passed between two cycles: this process, or the network, was away"
         if seen.age > settings.keep:
             return f"the tracker is silent: its last pose is {seen.age:.2f} s old"
-        energy = float(step.energy)
-        if not np.isfinite(step.qd).all() or not np.isfinite(step.wanted).all():
-            return "the policy's acceleration is not finite"
-        if not np.isfinite(state.q).all() or not np.isfinite(state.qd).all():
-            return "the arm's state is not finite"
-        if self._certified and not np.isfinite(energy):
-            return "the policy's energy is not finite"
-        ends = (state.q_d < self._lower) & (step.qd < 0) | (state.q_d > self._upper) & (step.qd > 0)
-        if ends.any():
-            k = int(np.argmax(ends))
-            return f"{self._names[k]} is at the end of its range, at {state.q_d[k]:.3f}"
-        apart = np.abs(state.q - state.q_d)
-        if (apart > settings.follow).any():
-            k = int(np.argmax(apart))
-            return f"{self._names[k]} is {apart[k]:.2f} rad from where it was told to be: something is in its way"
+        energy, looked = float(step.energy), step.looked
+        if not looked.finite and (self._certified or not np.isfinite(step.qd).all()):
+            what = "energy" if np.isfinite(step.qd).all() and np.isfinite(step.wanted).all() else "acceleration"
+            return f"the policy's {what} is not finite"
+        if not looked.apart <= settings.follow:
+            return self._apart(state)
+        if looked.end < settings.margin:
+            return self._end(state, step)
         return self._rise(state, seen, step, energy) if self._certified else ""
 
+    def _apart(self, state: ArmState) -> str:
+        apart = np.abs(state.q - state.q_d)
+        if not np.isfinite(apart).all():
+            return "the arm's state is not finite"
+        k = int(np.argmax(apart))
+        return f"{self._names[k]} is {apart[k]:.2f} rad from where it was told to be: something is in its way"
+
+    def _end(self, state: ArmState, step: Step) -> str:
+        k = int(np.argmax((state.q_d < self._lower) & (step.qd < 0) | (state.q_d > self._upper) & (step.qd > 0)))
+        return f"{self._names[k]} is at the end of its range, at {state.q_d[k]:.3f}"
+
     def _rise(self, state: ArmState, seen: Sighting, step: Step, energy: float) -> str:
-        pushed = np.nanmax(np.abs(state.external), initial=0.0) > self._settings.push
+        push = self._settings.push
+        pushed = bool((state.external > push).any() or (state.external < -push).any())  # NaN is no push
         same = seen.number == self._number and np.isfinite(self._energy) and not pushed
         # Where limits cut an acceleration, the arm is not where the policy would have taken it.
-        free = np.abs(step.cut).max() <= 0.01 * (1.0 + np.abs(step.wanted).max())
-        if same and free:
+        if same and step.looked.free:
             self._risen += energy - self._energy
             self._least = min(self._least, self._risen)
         self._number, self._energy = seen.number, energy

@@ -322,11 +322,11 @@ def test_a_full_log_says_so(scene, reach):
     arm = arm_at(scene)
     state, seen = arm.read(), Fixed(T).newest()
     zeros = np.zeros(7, np.float32)
-    step = reaching.step(T, slots_of(reaching, seen), state.q, zeros, zeros, np.float32(1))
+    step = reaching.step(T, slots_of(reaching, seen), state.q, state.q, zeros, zeros, zeros, np.float32(1))
     log = Log(7, 2)
     for k in range(3):
         assert log.full == (k > 2)
-        log.add(state, 0.001, seen, step, False)
+        log.add(state, 0.001, seen, step, False, 1e-4)
     assert log.full and log.count == 2
 
 
