@@ -6,7 +6,7 @@ machine's: run it on a quiet one, of two cores or more.
 
 import os
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -33,14 +33,15 @@ def rows() -> list[dict[str, Any]]:
     """A row a simulator, task and interface: over its repetitions how often it came to rest at the goal, motions that
     the arm ended, cycles that came late, the largest distance of the hand's way from the kinematic one's, mm, and how
     long our part of a cycle takes, us."""
-    found = []
+    found, cores = [], sorted(os.sched_getaffinity(0))
     for name in NAMES:
+        os.sched_setaffinity(0, cores)
         if why := missing(name):
             found.append({"name": f"{name}: {why}", **dict.fromkeys(("runs", "arrived", "reflexes", "late_cycles"))})
             continue
         options = _STRICT if name == "franka-sim" else ()
         with tempfile.TemporaryDirectory() as folder, simulator(name, Path(folder), options) as sim:
-            _cores_of_their_own(sim.process.pid)
+            _cores_of_their_own(sim.process.pid, cores)
             arm = hardware.FrankaArm(sim.host, "ignore")
             for task, (policy, T, start, hand) in _tasks().items():
                 for interface in arm.interfaces:
@@ -52,12 +53,11 @@ def rows() -> list[dict[str, Any]]:
     return found
 
 
-def _cores_of_their_own(simulator: int) -> None:
-    """Us on one core and the simulator on the others: on an arm there is none beside us."""
-    first, *others = sorted(os.sched_getaffinity(simulator))
-    for thread in Path(f"/proc/{simulator}/task").iterdir() if others else ():
-        os.sched_setaffinity(int(thread.name), others)
-    os.sched_setaffinity(0, {first})
+def _cores_of_their_own(simulator: int, cores: Sequence[int]) -> None:
+    """Us on the first of the `cores` and the simulator on the others: on an arm there is none beside us."""
+    for thread in Path(f"/proc/{simulator}/task").iterdir() if len(cores) > 1 else ():
+        os.sched_setaffinity(int(thread.name), cores[1:])
+    os.sched_setaffinity(0, cores[:1])
 
 
 def _tasks() -> dict[str, tuple[Any, np.ndarray, np.ndarray, Hand]]:
