@@ -46,11 +46,11 @@ class Arm(Protocol):
         ...
 
     def start(self, interface: Interface) -> None:
-        """Begin a motion: from now on each `read` is answered by a `send`."""
+        """Begin a motion by `interface`: from now on each `read` is answered by a `send`."""
         ...
 
     def send(self, command: np.ndarray, last: bool = False) -> None:
-        """The command [n] of this cycle: velocities, rad/s, or torques besides gravity's, N m; `last` ends the
+        """The `command` [n] of this cycle: velocities, rad/s, or torques besides gravity's, N m; `last` ends the
         motion."""
         ...
 
@@ -72,6 +72,7 @@ class Arm(Protocol):
 
 
 def state_of(arrived: float, time: float, q: Any, qd: Any, q_d: Any, qd_d: Any, external: Any) -> ArmState:
-    """An `ArmState` of anything that NumPy takes for numbers."""
-    columns = (np.array(column, np.float32) for column in (q, qd, q_d, qd_d, external))
-    return ArmState(float(time), *columns, arrived)
+    """An `ArmState` of `arrived`, `time`, `q`, `qd`, `q_d`, `qd_d` and `external`, of anything that NumPy takes for
+    numbers."""
+    q, qd, q_d, qd_d, external = (np.array(column, np.float32) for column in (q, qd, q_d, qd_d, external))
+    return ArmState(float(time), q, qd, q_d, qd_d, external, arrived)

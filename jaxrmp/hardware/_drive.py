@@ -39,7 +39,7 @@ class DriveEnd(enum.Enum):
 
 
 class Drive(NamedTuple):
-    """A drive as it went: how it ended and the `reason`, in words; its `log`; `late`, cycles that came after more than
+    """A drive as it went: its `end` and the `reason`, in words; its `log`; `late`, cycles that came after more than
     one and a half of the arm's periods; `state`, the last one that was read; `real_time`, whether it was scheduled
     so."""
 
@@ -70,7 +70,7 @@ def drive(
     model. When the watch says so, the time is over or `running`
     says no, the arm is braked straight on, within its limits, and the motion ended as it stands.
 
-    **Arguments**: `sightings`, where the object is; `start` [n], where the arm must be to begin, None for anywhere;
+    **Arguments**: `sightings`, where the object is; `settings`, by default `DriveSettings()`; `start` [n], where the arm must be to begin, None for anywhere;
     `names`, of joints, for messages; `priority`, 1 to 99 to be scheduled in real time (SCHED_FIFO) where the system
     lets us, which `Drive.real_time` says.
     **Returns** a `Drive`: what went wrong on the way is in it, and not raised, so that the log is kept.
@@ -108,7 +108,8 @@ def _standing(arm: Arm) -> ArmState:
 
 
 def check_start(q: np.ndarray, start: Any, near: float, names: tuple[str, ...]) -> None:
-    """**Raises** `ConfigurationError` unless joints at `q` [n] are all within `near`, rad, of `start` [n], if any."""
+    """**Raises** `ConfigurationError`, by the joints' `names`, unless those at `q` [n] are all within `near`, rad, of
+    `start` [n], if any."""
     if start is None:
         return
     apart = np.abs(np.asarray(q, float) - np.asarray(start, float))
@@ -224,7 +225,7 @@ class _Obstacles:
 
 
 def slots_of(law: Law, seen: Sighting) -> Any:
-    """The obstacles that are `seen`, in the slots that `law.step` takes them in; None for a law without."""
+    """The obstacles that are `seen`, in the slots in which the `step` of a `law` takes them; None for one without."""
     return _Obstacles(law.obstacles).of(seen)
 
 

@@ -71,7 +71,7 @@ class FrankaArm:
         return state_of(arrived, raw.time.to_sec(), raw.q, raw.dq, raw.q_d, raw.dq_d, raw.tau_ext_hat_filtered)
 
     def start(self, interface: Interface) -> None:
-        """Begin a motion."""
+        """Begin a motion by `interface`."""
         mode = self._raw.robot_mode
         if mode != self._franka.RobotMode.Idle:
             hint = {
@@ -89,7 +89,8 @@ class FrankaArm:
         self._interface, self._torque = interface, np.zeros(JOINTS)
 
     def send(self, command: np.ndarray, last: bool = False) -> None:
-        """Velocities, rad/s, or torques besides gravity's, N m, whose change a cycle is kept within the arm's limit."""
+        """The `command` [7]: velocities, rad/s, or torques besides gravity's, N m, whose change a cycle is kept within
+        the arm's limit; `last` ends the motion."""
         if self._control is None:
             raise ArmError(f"{self.name}: no motion was started.")
         if self._interface == "torque":

@@ -29,7 +29,8 @@ class Step(NamedTuple):
     """What a law gives in a cycle, besides `Looked`: the reference's next velocity `qd` and acceleration `qdd` [n]; the
     velocities to send, `command` [n], which mend by `drift` [n] what the arm has drifted from the reference; `wanted`
     [n], what the policy asked for; `energy` V and its `dissipation` per
-    second, in the policy's own time. Of a law that brakes, NaN where the policy was not asked."""
+    second, in the policy's own time. Of a law that brakes, NaN where the policy was not asked. `looked`, for a
+    watch."""
 
     qd: Any
     qdd: Any
@@ -55,7 +56,7 @@ class Looked(NamedTuple):
 
 
 class Law(NamedTuple):
-    """Two compiled functions, and what they are.
+    """Two compiled functions, `step` and `brake`, and what they are.
 
     `step(T, spheres, q, measured, qd, last, drift, speed)`, of where the object is [4, 4], the obstacles, the reference
     and the joints as measured, and the last step's `qd`, `qdd` and `drift` [n], gives a `Step`; so does

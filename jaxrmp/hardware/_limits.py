@@ -43,7 +43,7 @@ class MotionLimits:
 
     @classmethod
     def of_robot(cls, robot: Robot, torque: Any = np.inf, torque_rate: Any = np.inf) -> "MotionLimits":
-        """The limits in a robot's file, with `ACCELERATION` and `JERK`, which such files do not have.
+        """The limits in the file of `robot`, with `ACCELERATION` and `JERK`, which such files do not have.
 
         **Arguments**: `torque`, `torque_rate` [n] or numbers.
         """

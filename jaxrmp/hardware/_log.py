@@ -40,8 +40,8 @@ class Log:
         self._T = np.full((cycles, 4, 4), np.nan, np.float32)
 
     def add(self, state: ArmState, dt: float, seen: Sighting, step: Step, braking: bool, busy: float) -> None:
-        """A cycle: its state, s since the last one, what was seen, what the law gave, whether the arm brakes, s from
-        its state to its command."""
+        """A cycle: its `state`; `dt`, s since the last one; what was `seen`; the law's `step`; whether the arm is
+        `braking`; `busy`, s from its state to its command."""
         k = self.count
         if k == len(self._time):
             self.full = True
@@ -74,7 +74,8 @@ def next_number(folder: Path) -> int:
 
 
 def check_log_folder(folder: Path, robot: str, joint_names: tuple[str, ...], tracked: str) -> None:
-    """**Raises** `DemonstrationError` unless logs of that robot, with that object or none, may be added to `folder`."""
+    """**Raises** `DemonstrationError` unless motions of `robot`, its name, with its `joint_names`, and with the `tracked`
+    object or none, empty, may be added to `folder`."""
     meta = folder / "meta.json"
     if not meta.exists():
         if next_number(folder):
@@ -99,7 +100,8 @@ def save_motion(
 ) -> Path:
     """Add a motion to `folder` as its next `demo_K.npz`: what `learning.load_demonstrations` reads.
 
-    **Arguments**: `arrays`, as of `Log.arrays`, `T_world_object` among them if an object was `tracked`.
+    **Arguments**: `arrays`, as of `Log.arrays`, `T_world_object` among them if an object was `tracked`; `robot`, its
+    name; `joint_names`.
     **Returns** the file. **Raises** as `check_log_folder`.
     """
     check_log_folder(folder, robot, joint_names, tracked)
@@ -130,7 +132,8 @@ def _meta(robot: str, joint_names: tuple[str, ...], tracked: str, count: int) ->
 
 
 def save_mcap(arrays: dict[str, np.ndarray], folder: Path, joint_names: tuple[str, ...], tracked: str = "") -> Path:
-    """Write a motion as a ROS 2 bag of MCAP, `folder`: `sensor_msgs/JointState` at `/joint_states`, measured, and at
+    """Write a motion, `arrays` as of `Log.arrays`, of the joints `joint_names`, as a ROS 2 bag of MCAP, `folder`:
+    `sensor_msgs/JointState` at `/joint_states`, measured, and at
     `/joint_commands`, told, and where the `tracked` object is at `/tf`. Stamps count from the motion's start.
 
     **Raises** `MissingDependencyError` without rosbags, `FileExistsError` if `folder` is there.

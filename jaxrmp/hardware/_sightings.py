@@ -78,7 +78,8 @@ class UdpSightings:
         self._seen, self._number = 0.0, 0
 
     def wait(self, seconds: float, running: Callable[[], bool] = lambda: True) -> None:
-        """Return as the first pose is there. **Raises** `ConfigurationError` if none comes in so many `seconds`."""
+        """Return as the first pose is there, or once `running` says no. **Raises** `ConfigurationError` if none comes
+        in so many `seconds`."""
         until = time.perf_counter() + seconds
         while running():
             self._take()

@@ -57,7 +57,7 @@ def looped(program: Any, parameters: dict[str, Any], operands: list[np.ndarray])
 
 
 def require_count(most: int | None) -> None:
-    """**Raises** `ConfigurationError` for steps of a `while` that are no whole number from 1 on."""
+    """**Raises** `ConfigurationError` unless `most`, steps of a `while`, is None or a whole number from 1 on."""
     if most is not None and (isinstance(most, bool) or not isinstance(most, int) or not 1 <= most < 2**31 - 1):
         raise ConfigurationError(f"max_iterations is {most!r}, expected a whole number of steps from 1 on, or None.")
 

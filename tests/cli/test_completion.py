@@ -25,7 +25,7 @@ def completed(*words: str, folder=None) -> list[str]:
 
 
 def test_commands_are_completed():
-    assert completed("re") == ["reproduce"]
+    assert completed("re") == ["reproduce", "record"]
     assert {"learn", "run", "evaluate", "demonstrate", "completion"} <= set(completed(""))
     assert {"--help", "--version"} <= set(completed("-"))
 
