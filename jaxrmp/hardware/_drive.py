@@ -70,7 +70,8 @@ def drive(
     model. When the watch says so, the time is over or `running`
     says no, the arm is braked straight on, within its limits, and the motion ended as it stands.
 
-    **Arguments**: `sightings`, where the object is; `settings`, by default `DriveSettings()`; `start` [n], where the arm must be to begin, None for anywhere;
+    **Arguments**: `sightings`, where the object is; `settings`, by default `DriveSettings()`; `start` [n], where the
+    arm must be to begin, None for anywhere;
     `names`, of joints, for messages; `priority`, 1 to 99 to be scheduled in real time (SCHED_FIFO) where the system
     lets us, which `Drive.real_time` says.
     **Returns** a `Drive`: what went wrong on the way is in it, and not raised, so that the log is kept.

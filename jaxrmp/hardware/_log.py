@@ -74,8 +74,8 @@ def next_number(folder: Path) -> int:
 
 
 def check_log_folder(folder: Path, robot: str, joint_names: tuple[str, ...], tracked: str) -> None:
-    """**Raises** `DemonstrationError` unless motions of `robot`, its name, with its `joint_names`, and with the `tracked`
-    object or none, empty, may be added to `folder`."""
+    """**Raises** `DemonstrationError` unless motions of `robot`, its name, with its `joint_names`, and with the
+    `tracked` object or none, empty, may be added to `folder`."""
     meta = folder / "meta.json"
     if not meta.exists():
         if next_number(folder):

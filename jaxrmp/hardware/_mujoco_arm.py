@@ -63,7 +63,8 @@ class MujocoArm:
         self._due = None
 
     def send(self, command: np.ndarray, last: bool = False) -> None:
-        """The `command` [n]: velocities, rad/s, or torques besides gravity's, N m; `last`: from then on it stays where it is."""
+        """The `command` [n]: velocities, rad/s, or torques besides gravity's, N m; `last`: from then on it
+        stays where it is."""
         if not self._interface:
             raise ArmError(f"{self.name}: no motion was started.")
         if self._interface == "velocity":

@@ -12,8 +12,8 @@ _NATURAL = 2.0  # 1/s: critically damped
 
 
 def to_posture(robot: Robot, rest: Any, spheres: RobotSpheres | None = None) -> ArmPolicy:
-    """Takes all joints of `robot` to `rest` [n], off the arm itself and within its limits; certified. What stands around the arm
-    it does not know, but for obstacles that are told.
+    """Takes all joints of `robot` to `rest` [n], off the arm itself and within its limits; certified. What stands
+    around the arm it does not know, but for obstacles that are told.
 
     **Arguments**: `spheres` that cover the robot, None to keep off nothing. **Raises** as `policies.posture`.
     """
