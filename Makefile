@@ -98,7 +98,8 @@ $(SIMULATORS)/.installed: benchmarks/simulators.txt benchmarks/simulators_strict
 	$(PYTHON) -m venv $(SIMULATORS)/strict
 	$(SIMULATORS)/strict/bin/python -m pip install --quiet --disable-pip-version-check -r benchmarks/simulators_strict.txt
 	@assets=$$($(SIMULATORS)/franky/bin/python -c 'import franky_sim, pathlib; print(pathlib.Path(franky_sim.__file__).parent / "assets")') && \
-		sed "s#meshdir=\"assets\"#meshdir=\"$$assets/meshes\"#" $$assets/fr3.xml > $(SIMULATORS)/fr3.xml
+		sed "s#meshdir=\"assets\"#meshdir=\"$$assets/meshes\"#" $$assets/fr3.xml > $(SIMULATORS)/fr3.part && \
+		test -s $(SIMULATORS)/fr3.part && mv $(SIMULATORS)/fr3.part $(SIMULATORS)/fr3.xml
 	@touch $@
 
 # Where they cannot be installed, their tests are skipped, and say so.

@@ -4,7 +4,6 @@ import contextlib
 import os
 import re
 import signal
-import socket
 import subprocess
 import sys
 import time
@@ -30,8 +29,8 @@ class Simulator:
 
     @property
     def violations(self) -> list[str]:
-        """What it ended motions for, or would have."""
-        return re.findall(r"motion limit violated: (.*)|(communication_constraints_violation.*)", self.log)
+        """What the strict one ended motions for, or would have; franky-sim knows no limits."""
+        return re.findall(r"motion limit violated: .*|communication_constraints_violation.*", self.log)
 
 
 def missing(name: str) -> str:
@@ -82,26 +81,14 @@ def _wait(host: str, process: subprocess.Popen, log: Path) -> None:
     while time.monotonic() < until:
         if process.poll() is not None:
             raise RuntimeError(f"the simulator ended: {log.read_text(errors='replace')[-2000:]}")
-        if _listens(host):
+        if _listens():
             time.sleep(1.0)  # a simulator that serves one client at a time lets go of the one that asked
             return
         time.sleep(0.2)
     raise RuntimeError(f"the simulator did not listen: {log.read_text(errors='replace')[-2000:]}")
 
 
-def _listens(host: str) -> bool:
+def _listens() -> bool:
     """Whether something listens, by the kernel's table: asking would be taken for a client."""
-    del host
     rows = Path("/proc/net/tcp").read_text().splitlines()[1:]
     return any(row.split()[1].endswith(f":{_PORT:04X}") and row.split()[3] == "0A" for row in rows)
-
-
-def free() -> bool:
-    """Whether no other simulator listens here."""
-    with socket.socket() as probe:
-        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            probe.bind(("127.0.0.1", _PORT))
-        except OSError:
-            return False
-    return True

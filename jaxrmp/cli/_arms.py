@@ -3,6 +3,7 @@
 import argparse
 import contextlib
 import signal
+import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -119,6 +120,13 @@ def narrower(arm: Any, robot: Robot) -> list[str]:
     return [f"{name} {a:.2f} to {b:.2f} ({c:.2f} to {d:.2f})" for name, a, b, c, d, narrow in ranges if narrow]
 
 
+def check_writable(folder: Path) -> None:
+    """**Raises** `OSError` unless files can be written to `folder`, which is made."""
+    folder.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryFile(dir=folder):
+        pass
+
+
 def write_log(
     arrays: dict[str, np.ndarray], folder: Path, robot: Robot, tracked: str
 ) -> tuple[Path, Path | None, str | None]:
@@ -127,5 +135,5 @@ def write_log(
     bag = folder / "mcap" / file.stem
     try:
         return file, hardware.save_mcap(arrays, bag, robot.joint_names, tracked), None
-    except (ImportError, OSError) as error:
+    except Exception as error:  # rosbags has errors of its own kind; the NPZ is there
         return file, None, f"no MCAP was written: {error}"

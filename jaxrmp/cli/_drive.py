@@ -14,7 +14,16 @@ from ..learning import Skill
 from ..policies import whole_arm_policy
 from ..scenes import Scene, arm_alone
 from ..world import own_spheres
-from ._arms import arm_of, check_model, narrower, posture_of, running_until_interrupted, sightings_of, write_log
+from ._arms import (
+    arm_of,
+    check_model,
+    check_writable,
+    narrower,
+    posture_of,
+    running_until_interrupted,
+    sightings_of,
+    write_log,
+)
 from ._output import progress_bar, tell, write_json
 from ._sources import demonstrations_of, scene_of
 
@@ -45,7 +54,10 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
             f"the skill follows the object {object_name!r}: say what tracks it, --tracker udp:PORT, or, if it stands "
             "where it was demonstrated, --object-still."
         )
+    real = arguments.robot != "mujoco" and arguments.realtime == "enforce"
+    priority = _PRIORITY if real else 0
     if arguments.log:
+        check_writable(arguments.log)
         hardware.check_log_folder(arguments.log, robot.name, robot.joint_names, object_name)
     with running_until_interrupted() as running, progress_bar(arguments.quiet) as progress:
         progress("connecting", 0.0)
@@ -70,7 +82,7 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
                     return
                 if arguments.go and not _there(state.q, start, settings.near):
                     progress("going to the start", 0.85)
-                    _go(arm, robot, start, settings, running)
+                    _go(arm, robot, start, settings, running, priority)
                 progress("driving", 0.9)
                 found = hardware.drive(
                     arm,
@@ -81,7 +93,7 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
                     interface=arguments.interface,
                     names=robot.joint_names,
                     running=running,
-                    priority=_PRIORITY if arguments.realtime == "enforce" else 0,
+                    priority=priority,
                 )
             finally:
                 sightings.close()
@@ -108,17 +120,24 @@ def _sightings(
     found = sightings_of(arguments.tracker, arguments.obstacles)
     if found is not None:
         found.wait(10.0, running)
+        if not running():
+            raise KeyboardInterrupt
         return found
     if scene is not None and scene.object:
         return hardware.SceneTracker(arm)
     return hardware.Fixed(np.asarray(skill.T_world_object))
 
 
-def _go(arm: Any, robot: Robot, start: np.ndarray, settings: hardware.DriveSettings, running: Any) -> None:
+def _go(
+    arm: Any, robot: Robot, start: np.ndarray, settings: hardware.DriveSettings, running: Any, priority: int
+) -> None:
     """Take the arm to the start, slowly. **Raises** `RolloutError` if it does not get there."""
     law = hardware.law(hardware.to_posture(robot, start, own_spheres(robot)), arm)
     slow = replace(settings, speed=_GO_SPEED * settings.speed)
-    found = hardware.drive(arm, law, hardware.Fixed(np.eye(4)), slow, names=robot.joint_names, running=running)
+    options = {"names": robot.joint_names, "running": running, "priority": priority}
+    found = hardware.drive(arm, law, hardware.Fixed(np.eye(4)), slow, **options)
+    if found.end == hardware.DriveEnd.INTERRUPTED:
+        raise KeyboardInterrupt
     if found.end != hardware.DriveEnd.RESTED:
         raise RolloutError(f"on the way to the start: {found.reason}. It stands at {found.state.q.round(3).tolist()}.")
     hardware.check_start(found.state.q, start, settings.near, robot.joint_names)
@@ -167,12 +186,16 @@ def _report(
     object_name: str,
 ) -> None:
     arrays = found.log.arrays()
+    report = report_dict(skill, robot, law, found, arrays)
     file = bag = None
     if arguments.log and found.log.count:
-        file, bag, why = write_log(arrays, arguments.log, robot, object_name)
-        if why:
-            tell(why)
-    report = report_dict(skill, robot, law, found, arrays)
+        try:
+            file, bag, why = write_log(arrays, arguments.log, robot, object_name)
+        except OSError as error:
+            tell(f"the log could not be written: {error}")
+        else:
+            if why:
+                tell(why)
     report |= {"log": str(file) if file else None, "mcap": str(bag) if bag else None}
     report["datagrams_not_read"] = getattr(sightings, "unread", None)
     if arguments.json:
@@ -180,7 +203,7 @@ def _report(
     print(report_text(report))
     if unread := report["datagrams_not_read"]:
         tell(f"{unread} datagrams of the tracker could not be read: {getattr(sightings, 'why', '')}")
-    if arguments.realtime == "enforce" and not found.real_time:
+    if arguments.realtime == "enforce" and arguments.robot != "mujoco" and not found.real_time:
         tell("the system did not let this be scheduled in real time (SCHED_FIFO): cycles may come late.")
     if found.log.full:
         tell("the log is full: the last cycles are not in it.")
@@ -202,7 +225,8 @@ def report_dict(
     """A drive in numbers: how it ended and why; where, in cm or, of a turn alone, degrees from the goal; its cycles,
     how many were late, and how long our part of them took."""
     busy = 1e6 * arrays["log_busy"][np.isfinite(arrays["log_busy"])]
-    share = {f"p{name}": float(np.percentile(busy, p)) for name, p in (("50", 50), ("99", 99), ("99_9", 99.9))}
+    shares = (("50", 50), ("99", 99), ("99_9", 99.9))
+    share = {f"p{name}": float(np.percentile(busy, p)) for name, p in shares} if len(busy) else None
     count = found.log.count
     cut = np.abs(arrays["log_accelerations_told"] - arrays["log_accelerations_wanted"]).max(axis=1) > 1e-2
     goal_cm, turn_deg = (None, None) if not count else _left(skill, robot, found.state.q, arrays["T_world_object"][-1])
@@ -214,7 +238,7 @@ def report_dict(
         "goal_turn_deg": turn_deg,
         "cycles": count,
         "late_cycles": int(found.late),
-        "busy_us": share if len(busy) else None,
+        "busy_us": share,
         "limited": float(np.mean(cut[~arrays["log_braking"]])) if count and not arrays["log_braking"].all() else None,
         "backend": law.backend,
         "real_time": found.real_time,

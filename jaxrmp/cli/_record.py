@@ -1,6 +1,7 @@
 """`jaxrmp record`: demonstrations on an arm that is guided by hand."""
 
 import argparse
+import os
 import select
 import sys
 import time
@@ -12,9 +13,10 @@ import numpy as np
 from .. import hardware
 from .._errors import ConfigurationError
 from ..kinematics import Robot, load_robot, panda
-from ._arms import arm_of, check_model, running_until_interrupted, sightings_of, write_log
+from ._arms import arm_of, check_model, check_writable, running_until_interrupted, sightings_of, write_log
 from ._output import tell
 
+_waiting: list[str | None] = []  # lines of stdin that came at once
 _LEAST = 0.02  # rad, below which nothing moved
 
 
@@ -27,6 +29,7 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
             "takes lines from a pipe."
         )
     robot = panda() if arguments.model == "panda" else load_robot(arguments.model)
+    check_writable(arguments.out)
     hardware.check_log_folder(arguments.out, robot.name, robot.joint_names, arguments.object or "")
     with running_until_interrupted() as running, arm_of(arguments, None, None) as arm:
         if arm.joints != robot.num_joints:
@@ -75,15 +78,18 @@ def _keep(arguments: argparse.Namespace, arm: Any, robot: Robot, sightings: Any,
 
 
 def _ready() -> bool:
-    """Whether a line waits on stdin."""
-    return bool(select.select([sys.stdin], [], [], 0.0)[0])
+    """Whether a line waits on stdin, or its end."""
+    return bool(_waiting) or bool(select.select([sys.stdin], [], [], 0.0)[0])
 
 
 def _line(arm: Any, running: Callable[[], bool]) -> str | None:
     """The next line of stdin; None at its end or when interrupted. The arm is read meanwhile, as its network asks."""
     while running():
         if _ready():
-            line = sys.stdin.readline()
-            return line.strip() if line else None
+            if not _waiting:  # unbuffered, since what is read ahead cannot be waited for
+                content = os.read(sys.stdin.fileno(), 65_536).decode(errors="replace")
+                _waiting.extend(content.splitlines() or [None])
+            line = _waiting.pop(0)
+            return line if line is None else line.strip()
         arm.read()
     return None

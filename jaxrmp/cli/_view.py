@@ -71,6 +71,8 @@ def _recording(file: Path | None, robot: Robot) -> Recording | None:
         raise DemonstrationError(
             f"--replay {file}: expected an NPZ file with time and joint_positions, such as demo_0.npz of a log: {error}"
         ) from error
-    demonstration = Demonstration(time - time[:1].sum(), q)
+    if time.ndim != 1 or not len(time):
+        raise DemonstrationError(f"--replay {file}: time has shape {time.shape}, expected one number a sample.")
+    demonstration = Demonstration(time - time[0], q)
     check_demonstration(demonstration, robot.joint_names, str(file))
     return Recording(demonstration.time, demonstration.q, np.zeros((len(q), 3)))

@@ -67,13 +67,12 @@ def drive(
 
     What the policy asks for is integrated, within the arm's limits, to a reference, from which it goes on. Velocities
     are the reference's, and mend what the arm has drifted from it; torques hold the arm at it, with the arm's own
-    model. When the watch says so, the time is over or `running`
-    says no, the arm is braked straight on, within its limits, and the motion ended as it stands.
+    model. When the watch says so, the time is over, `running` says no or something here fails, the arm is braked
+    straight on, within its limits, and the motion ended as it stands.
 
     **Arguments**: `sightings`, where the object is; `settings`, by default `DriveSettings()`; `start` [n], where the
-    arm must be to begin, None for anywhere;
-    `names`, of joints, for messages; `priority`, 1 to 99 to be scheduled in real time (SCHED_FIFO) where the system
-    lets us, which `Drive.real_time` says.
+    arm must be to begin, None for anywhere; `names`, of joints, for messages; `priority`, 1 to 99 to be scheduled in
+    real time (SCHED_FIFO) where the system lets us, which `Drive.real_time` says.
     **Returns** a `Drive`: what went wrong on the way is in it, and not raised, so that the log is kept.
     **Raises** before anything moves: `ConfigurationError` for an arm that is not near `start` or has not the
     `interface`, `ArmError` for one that cannot be read or started.
@@ -83,13 +82,19 @@ def drive(
         raise ConfigurationError(f"{arm.name} has no interface {interface!r}: it has {', '.join(arm.interfaces)}.")
     names = names or tuple(f"joint {k + 1}" for k in range(arm.joints))
     state = _standing(arm)
+    if len(sightings.newest().obstacles) > law.obstacles:
+        raise ConfigurationError(
+            f"{len(sightings.newest().obstacles)} obstacles are told, and the law has slots for {law.obstacles}: "
+            "hardware.law(policy, arm, obstacles=N)."
+        )
     check_start(state.q, start, settings.near, names)
     log = Log(arm.joints, round((settings.duration + _AFTER) / arm.period))
     watch = Watch(settings, arm.limits, names, not law.uncertified)
     obstacles = _Obstacles(law.obstacles)
     _warm_up(law, state, sightings.newest(), obstacles, settings.speed)
+    if not running():
+        return Drive(DriveEnd.INTERRUPTED, "interrupted before it moved", log, 0, state)
     with _no_garbage(), _scheduled(priority) as real_time:
-        arm.start(interface)
         found = _cycles(arm, law, sightings, settings, interface, running, log, watch, obstacles, state)
         return found._replace(real_time=real_time)
 
@@ -97,11 +102,11 @@ def drive(
 def _standing(arm: Arm) -> ArmState:
     """The arm's state once it stands still. **Raises** `ArmError` if it does not within a few seconds."""
     state = arm.read()
-    began, since, stood = state.time, state.time, state.q
-    while state.time - since < _STANDS:
-        if (np.abs(state.q - stood) > _STANDING).any():
+    began, first, since, stood = time.perf_counter(), state.time, state.time, state.q
+    while not state.time - since >= _STANDS:
+        if not (np.abs(state.q - stood) <= _STANDING).all():
             since, stood = state.time, state.q
-        if state.time - began > _PATIENCE:
+        if max(time.perf_counter() - began, state.time - first) > _PATIENCE:
             moving = np.round(state.qd, 2).tolist()
             raise ArmError(f"{arm.name} does not stand still: its joints move at {moving}, per second.")
         state = arm.read()
@@ -114,8 +119,8 @@ def check_start(q: np.ndarray, start: Any, near: float, names: tuple[str, ...]) 
     if start is None:
         return
     apart = np.abs(np.asarray(q, float) - np.asarray(start, float))
-    if (apart > near).any():
-        far = [f"{names[k]} by {apart[k]:.2f}" for k in np.flatnonzero(apart > near)]
+    if not (apart <= near).all():
+        far = [f"{names[k]} by {apart[k]:.2f}" for k in np.flatnonzero(~(apart <= near))]
         raise ConfigurationError(
             f"the arm is not at the start: {', '.join(far)} rad away, and {near:g} is allowed. It is at "
             f"{np.round(q, 3).tolist()}, the start is {np.round(start, 3).tolist()}. Take it there first (--go "
@@ -138,10 +143,14 @@ def _cycles(
     n, period, speed = arm.joints, arm.period, np.float32(settings.speed)
     qd = qdd = nothing = np.zeros(n, np.float32)
     drift, reference = qd, np.zeros(n)
+    stopped = min(_STOPPED, 0.5 * period * float(np.min(arm.limits.acceleration)))
+    hold = settings.hold / min(settings.speed, 1.0)
     strength = np.where(np.isfinite(arm.limits.torque), arm.limits.torque, 0.0)
-    end, reason, late, still = None, "", 0, 0.0
+    end, reason, late, still, braked = None, "", 0, 0.0, 0
     began: float | None = None
+    seen = sightings.newest()
     try:
+        arm.start(interface)
         while True:
             last, state = state, arm.read()
             if began is None:
@@ -152,34 +161,46 @@ def _cycles(
                     late += 1
                     if interface == "velocity":  # the arm went on by itself
                         qd = state.qd_d - drift
-                reference = reference + dt * qd
+                reference = reference + min(max(dt, 0.0), settings.late) * qd
             state = state._replace(q_d=reference.astype(np.float32))
-            seen = sightings.newest()
             step = None
             if not reason:
-                spheres = obstacles.of(seen)
-                step = law.step(seen.T_world_object, spheres, state.q_d, state.q, qd, qdd, drift, speed)
-                if reason := watch.look(state, dt, seen, step):
-                    end = DriveEnd.STOPPED
-                elif not running():
+                try:
+                    seen = sightings.newest()
+                    spheres = obstacles.of(seen)
+                    step = law.step(seen.T_world_object, spheres, state.q_d, state.q, qd, qdd, drift, speed)
+                    if reason := watch.look(state, dt, seen, step):
+                        end = DriveEnd.STOPPED
+                    elif not running():
+                        end, reason = DriveEnd.INTERRUPTED, "interrupted"
+                    elif state.time - began > settings.duration:
+                        end, reason = DriveEnd.TIME, f"did not come to rest within {settings.duration:g} s"
+                except KeyboardInterrupt:
                     end, reason = DriveEnd.INTERRUPTED, "interrupted"
-                elif state.time - began > settings.duration:
-                    end, reason = DriveEnd.TIME, f"did not come to rest within {settings.duration:g} s"
+                except Exception as error:  # whatever fails on our side, the arm is braked
+                    end, reason = DriveEnd.STOPPED, f"{type(error).__name__}: {error}"
             if reason:
+                braked += 1
+                if braked * period > _AFTER:
+                    raise ArmError(f"{arm.name} could not be braked within {_AFTER:g} s")
                 step = _braking(law.brake(state.q_d, state.q, qd, qdd, drift), step)
             assert step is not None
             qd, qdd, drift = step.qd, step.qdd, step.drift
-            slow = step.looked.fastest < settings.still * settings.speed and state.time - began > settings.hold
+            slow = step.looked.fastest < settings.still * settings.speed and state.time - began > hold
             still = still + dt if slow else 0.0
-            if not reason and still >= settings.hold:
+            if not reason and still >= hold:
                 end, reason = DriveEnd.RESTED, "came to rest"
-            last_one = bool(reason) and bool(step.looked.sent < _STOPPED)
+            last_one = bool(reason) and bool(step.looked.sent < stopped)
             if interface == "torque":
                 command = _torque(arm, state, qd, qdd, strength)
             else:
                 command = nothing if last_one else step.command
-            arm.send(command, last_one)
-            log.add(state, dt, seen, step, bool(reason), time.perf_counter() - state.arrived)
+            if not np.isfinite(command).all():
+                raise ArmError(f"{arm.name} was to be told what is no number: its state was not finite")
+            try:
+                arm.send(command, last_one)
+            finally:
+                log.add(state, dt, seen, step, command, bool(reason), time.perf_counter() - state.arrived)
             if last_one:
                 assert end is not None
                 return Drive(end, reason, log, late, state)
@@ -187,7 +208,11 @@ def _cycles(
         with contextlib.suppress(ArmError):
             arm.stop()
         why = f"{reason}; then {error}" if reason else str(error)
-        return Drive(DriveEnd.BY_ARM if end is None else end, why, log, late, state)
+        return Drive(DriveEnd.BY_ARM, why, log, late, state)
+    except KeyboardInterrupt:
+        with contextlib.suppress(ArmError):
+            arm.stop()
+        return Drive(DriveEnd.INTERRUPTED, "interrupted", log, late, state)
     except BaseException:
         with contextlib.suppress(ArmError):
             arm.stop()

@@ -1,6 +1,9 @@
 """A Franka Research 3 over its network interface (FCI), by its maker's pylibfranka."""
 
+import contextlib
+import os
 import time
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -49,12 +52,12 @@ class FrankaArm:
         torques, forces = ([float(v) for v in values] for values in collision)
         if len(torques) != JOINTS or len(forces) != 6:
             raise ConfigurationError(f"collision has {len(torques)} and {len(forces)} thresholds, expected 7 and 6.")
-        self._franka, self._interface = pylibfranka, ""
+        self._franka, self._interface, self._moving = pylibfranka, "", False
         self._control: Any = None
         self._model: Any = None
         self._robot: Any = None
         kinds = {"enforce": pylibfranka.RealtimeConfig.kEnforce, "ignore": pylibfranka.RealtimeConfig.kIgnore}
-        with self._as_arm_errors(f"at {host}"):
+        with _as_scheduled(), self._as_arm_errors(f"at {host}"):
             self._robot = pylibfranka.Robot(host, kinds[realtime])
             self._raw = self._robot.read_once()
             self._robot.set_collision_behavior(torques, torques, forces, forces)
@@ -79,14 +82,14 @@ class FrankaArm:
                 "UserStopped": "Its stop is in.",
             }
             raise ArmError(f"{self.name} is not ready, but {mode.name}. {hint.get(mode.name, 'Close other programs.')}")
-        with self._as_arm_errors("as a motion was started"):
+        with _as_scheduled(), self._as_arm_errors("as a motion was started"):
             if interface == "torque":
                 self._model = self._model or self._robot.load_model()
                 self._control = self._robot.start_torque_control()
             else:
                 impedance = self._franka.ControllerMode.JointImpedance
                 self._control = self._robot.start_joint_velocity_control(impedance)
-        self._interface, self._torque = interface, np.zeros(JOINTS)
+        self._interface, self._torque, self._moving = interface, np.zeros(JOINTS), True
 
     def send(self, command: np.ndarray, last: bool = False) -> None:
         """The `command` [7]: velocities, rad/s, or torques besides gravity's, N m, whose change a cycle is kept within
@@ -104,11 +107,12 @@ class FrankaArm:
         with self._as_arm_errors("in motion"):
             self._control.writeOnce(told)
         if last:
-            self._control = None
+            self._control, self._moving = None, False
 
     def dynamics(self) -> ArmDynamics:
         """By the arm's own model."""
-        assert self._model is not None
+        if self._model is None:
+            raise ArmError(f"{self.name}: its model is loaded as a motion by torques is started.")
         M = np.array(self._model.mass(self._raw)).reshape(JOINTS, JOINTS)
         return ArmDynamics(M, np.array(self._model.coriolis(self._raw)))
 
@@ -129,11 +133,10 @@ class FrankaArm:
 
     def stop(self) -> None:
         """End a motion at once."""
-        if self._control is None:
-            return
-        self._control = None
-        with self._as_arm_errors("as it was stopped"):
-            self._robot.stop()
+        moving, self._moving, self._control = self._moving, False, None
+        if moving:
+            with self._as_arm_errors("as it was stopped"):
+                self._robot.stop()
 
     def close(self) -> None:
         """Hang up."""
@@ -141,6 +144,18 @@ class FrankaArm:
 
     def _as_arm_errors(self, when: str) -> "_ArmErrors":
         return _ArmErrors(self, when)
+
+
+@contextlib.contextmanager
+def _as_scheduled() -> Iterator[None]:
+    """Keeps how this thread is scheduled: pylibfranka puts it above all others as it connects, and children inherit it.
+    `drive` asks for what it needs."""
+    before = os.sched_getscheduler(0), os.sched_getparam(0)
+    try:
+        yield
+    finally:
+        with contextlib.suppress(OSError):
+            os.sched_setscheduler(0, *before)
 
 
 class _ArmErrors:
@@ -154,10 +169,10 @@ class _ArmErrors:
     def __enter__(self) -> None: ...
 
     def __exit__(self, kind: Any, error: Any, trace: Any) -> None:
-        if error is None or not isinstance(error, RuntimeError | ValueError):
+        franka = self._arm._franka
+        if error is None or not isinstance(error, RuntimeError | ValueError | franka.FrankaException):
             return
         self._arm._control = None
-        franka = self._arm._franka
         said = str(error).removeprefix("libfranka: ")
         hint = ""
         if isinstance(error, franka.RealtimeException):

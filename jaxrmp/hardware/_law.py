@@ -16,11 +16,11 @@ from ..xla import compiled
 from ._arm import Arm
 from ._limits import Limited, MotionLimits, brake, check_limits, limited
 
-_NEARING, _NEAREST, _NEARER = (
-    4.0,
-    0.1,
-    0.5,
-)  # 1/s, rad/s, rad/s^2: how velocities mend what the arm is off its reference
+# How velocities mend what the arm is off its reference: at a rate of 1/s, at most so fast, and with such accelerations,
+# in rad (m) and as shares of the arm's limits, of which the reference leaves them that much.
+_NEARING = 4.0
+_NEAREST, _OF_VELOCITY = 0.1, 0.04
+_NEARER, _OF_ACCELERATION, _OF_JERK = 0.5, 0.08, 0.1
 _FAR = 1e3  # rad, from the end of a range that a joint does not move to
 _NEXT_TO_NOTHING = 0.01  # of an acceleration
 
@@ -94,13 +94,14 @@ def law(policy: Any, arm: Arm, obstacles: int = 0, backend: str = "auto") -> Law
         found = policy.tree(T, World(spheres=spheres)).measure(q, qd / speed)
         wanted = speed * speed * resolve(found.form.dense())
         given = limited(limits, q, qd, last, wanted, period)
-        drift = mended(drift, _NEARING * (q - measured), period)
+        drift = mended(limits, q, given.qd, drift, _NEARING * (q - measured), period)
         return _step(limits, q, measured, given, drift, wanted, found.energy, found.dissipation)
 
     def stopping(q: Any, measured: Any, qd: Any, last: Any, drift: Any) -> Step:
         given = brake(limits, q, qd, last, period)
         nothing = jnp.full_like(q, jnp.nan)
-        return _step(limits, q, measured, given, mended(drift, 0.0 * q, period), nothing, nothing[0], nothing[0])
+        drift = mended(limits, q, given.qd, drift, jnp.zeros_like(q), period)
+        return _step(limits, q, measured, given, drift, nothing, nothing[0], nothing[0])
 
     vector, T = np.zeros(n, np.float32), np.eye(4, dtype=np.float32)
     slots = jax.tree.map(np.asarray, slots)
@@ -118,10 +119,14 @@ def law(policy: Any, arm: Arm, obstacles: int = 0, backend: str = "auto") -> Law
     return Law(compiled(*steps), compiled(*brakes), obstacles, "xla", reason, names)
 
 
-def mended(drift: Any, wanted: Any, period: Any) -> Any:
-    """`drift` [n], velocities that mend what an arm has drifted from its reference, on its way to those `wanted`."""
-    most = _NEARER * period
-    return drift + jnp.clip(jnp.clip(wanted, -_NEAREST, _NEAREST) - drift, -most, most)
+def mended(limits: MotionLimits, q: Any, qd: Any, drift: Any, wanted: Any, period: Any) -> Any:
+    """`drift` [n], velocities that mend what an arm has drifted from its reference at `q` and `qd`, on its way to those
+    `wanted`, so that both together keep the arm's limits."""
+    most = jnp.minimum(_NEAREST, _OF_VELOCITY * limits.velocity)
+    change = jnp.minimum(_NEARER, jnp.minimum(_OF_ACCELERATION * limits.acceleration, _OF_JERK * limits.jerk * period))
+    new = drift + jnp.clip(jnp.clip(wanted, -most, most) - drift, -change * period, change * period)
+    low, high = limits.velocity_range(q)
+    return jnp.clip(new, jnp.minimum(low - qd, 0.0), jnp.maximum(high - qd, 0.0))
 
 
 def _step(

@@ -59,13 +59,15 @@ class MotionLimits:
 
     def with_margin(self) -> "MotionLimits":
         """What commands keep to: somewhat less than the arm allows, so that its own arithmetic does not matter."""
-        braking, velocity = _OF_BRAKING * self.braking, _OF_VELOCITY * self.velocity
-        acceleration, jerk = _OF_ACCELERATION * self.acceleration, _OF_JERK * self.jerk
+        velocity, jerk = _OF_VELOCITY * self.velocity, _OF_JERK * self.jerk
+        # An acceleration that jerk can take back in the time in which a velocity comes to its bound.
+        acceleration = jnp.minimum(_OF_ACCELERATION * self.acceleration, jerk / _RATE)
+        braking = _OF_BRAKING * jnp.minimum(self.braking, acceleration)
         return replace(self, velocity=velocity, acceleration=acceleration, jerk=jerk, braking=braking)
 
     def _towards(self, distance: Any) -> Any:
-        reach = jnp.sqrt(2.0 * self.braking * jnp.maximum(distance, 0.0)) - self.offset
-        return jnp.clip(reach, 0.0, self.velocity)
+        inside = jnp.where(distance > 0, 2.0 * self.braking * jnp.where(distance > 0, distance, 1.0), 0.0)
+        return jnp.clip(jnp.sqrt(inside) - self.offset, 0.0, self.velocity)
 
 
 class Limited(NamedTuple):
@@ -114,9 +116,11 @@ def check_limits(limits: MotionLimits, joints: int) -> MotionLimits:
     for name, value in fields.items():
         if value.shape != (joints,) or np.isnan(value).any():
             raise RobotError(f"limits.{name} is {value}, expected a number for each of {joints} joints.")
-    for name in ("velocity", "acceleration", "jerk"):
+    for name in ("velocity", "acceleration", "jerk", "braking"):
         if not (fields[name] > 0).all():
             raise RobotError(f"limits.{name} is {fields[name]}, expected positive numbers.")
+    if not (np.isfinite(fields["offset"]) & (fields["offset"] >= 0)).all():
+        raise RobotError(f"limits.offset is {fields['offset']}, expected numbers that are not negative.")
     if not (fields["lower"] < fields["upper"]).all():
         raise RobotError(f"limits.lower {fields['lower']} is not below limits.upper {fields['upper']}.")
     return MotionLimits(**fields)

@@ -18,7 +18,15 @@ from ._sightings import Sighting
 
 PREFIX = "log_"
 """Of the arrays in a log's NPZ file besides those of a demonstration."""
-_VECTORS = ("velocities", "positions_told", "velocities_told", "accelerations_told", "accelerations_wanted", "external")
+_VECTORS = (
+    "velocities",
+    "positions_told",
+    "velocities_told",
+    "accelerations_told",
+    "accelerations_wanted",
+    "command",
+    "external",
+)
 _NUMBERS = ("dt", "energy", "dissipation", "age", "busy")
 _FILE = re.compile(r"demo_(\d+)\.npz")
 _WORLD, _OBJECT = "world", "object"
@@ -39,15 +47,24 @@ class Log:
         self._braking = np.zeros(cycles, bool)
         self._T = np.full((cycles, 4, 4), np.nan, np.float32)
 
-    def add(self, state: ArmState, dt: float, seen: Sighting, step: Step, braking: bool, busy: float) -> None:
-        """A cycle: its `state`; `dt`, s since the last one; what was `seen`; the law's `step`; whether the arm is
-        `braking`; `busy`, s from its state to its command."""
+    def add(
+        self,
+        state: ArmState,
+        dt: float,
+        seen: Sighting,
+        step: Step,
+        command: np.ndarray,
+        braking: bool,
+        busy: float,
+    ) -> None:
+        """A cycle: its `state`; `dt`, s since the last one; what was `seen`; the law's `step`; the `command` that
+        was sent; whether the arm is `braking`; `busy`, s from its state to its command."""
         k = self.count
         if k == len(self._time):
             self.full = True
             return
         self._time[k], self._q[k], self._T[k], self._braking[k] = state.time, state.q, seen.T_world_object, braking
-        rows = (state.qd, state.q_d, step.qd, step.qdd, step.wanted, state.external)
+        rows = (state.qd, state.q_d, step.qd, step.qdd, step.wanted, command, state.external)
         for name, row in zip(_VECTORS, rows, strict=True):
             self._vectors[name][k] = row
         for name, value in zip(_NUMBERS, (dt, step.energy, step.dissipation, seen.age, busy), strict=True):
@@ -56,7 +73,8 @@ class Log:
 
     def arrays(self) -> dict[str, np.ndarray]:
         """`time` [T] from zero, s, `joint_positions` [T, n], `T_world_object` [T, 4, 4], and by `log_...`: joint
-        `velocities`, positions, velocities and accelerations `told`, accelerations `wanted` by the policy, `external`
+        `velocities`, positions, velocities and accelerations `told`, accelerations `wanted` by the policy, the
+        `command` that was sent, rad/s or N m, `external`
         torques, each [T, n]; `dt`, `energy`, `dissipation`, the `age` of the sighting, s, how long it
         took from a state to its command, `busy`, s, and whether it was `braking`, each [T]; NaN for what there was
         not."""

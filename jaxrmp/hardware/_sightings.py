@@ -12,6 +12,8 @@ from .._errors import ConfigurationError, JaxrmpError
 from .._task_map import check_rigid
 
 _LARGEST = 65_536  # bytes of a datagram
+_AT_ONCE = 64  # datagrams that are read in one cycle
+_NOT_READ = (ValueError, TypeError, OverflowError, RecursionError, JaxrmpError)
 
 
 class Sighting(NamedTuple):
@@ -54,7 +56,8 @@ class Fixed:
 class UdpSightings:
     """Datagrams of JSON: `{"T_world_object": [[...], [...], [...], [...]], "obstacles": [[x, y, z, radius], ...]}`.
 
-    Either may be left out, and stays as it was; `"age"`, s, how old it was as it was sent. The world is that of the
+    Either may be left out, and stays as it was, ageing; `"age"`, s, how old it was as it was sent. The age of a
+    sighting is that of the older of the two, once obstacles were told. The world is that of the
     robot's model. Until the first one arrives, nothing is known: `wait`. What cannot be read is passed over, counted in
     `unread`, and `why` says what was wrong with the last one.
 
@@ -76,6 +79,7 @@ class UdpSightings:
         self._T: np.ndarray | None = None
         self._obstacles = np.zeros((0, 4))
         self._seen, self._number = 0.0, 0
+        self._obstacles_seen: float | None = None
 
     def wait(self, seconds: float, running: Callable[[], bool] = lambda: True) -> None:
         """Return as the first pose is there, or once `running` says no. **Raises** `ConfigurationError` if none comes
@@ -98,44 +102,48 @@ class UdpSightings:
         self._take()
         if self._T is None:
             raise ConfigurationError("no pose of the object has come: call `wait` first.")
-        return Sighting(self._T, self._obstacles, time.perf_counter() - self._seen, self._number)
+        oldest = self._seen if self._obstacles_seen is None else min(self._seen, self._obstacles_seen)
+        return Sighting(self._T, self._obstacles, time.perf_counter() - oldest, self._number)
 
     def close(self) -> None:
         """Stop listening."""
         self._socket.close()
 
     def _take(self) -> None:
-        content = None
-        try:
-            while True:
+        for _ in range(_AT_ONCE):
+            try:
                 content = self._socket.recv(_LARGEST)
-        except BlockingIOError:
-            pass
-        if content is None:
-            return
-        try:
-            T, obstacles, age = self._read(content)
-        except (ValueError, TypeError, JaxrmpError) as error:
-            self.unread, self.why = self.unread + 1, str(error)
-            return
-        self._T, self._obstacles = T, obstacles
-        self._seen, self._number = time.perf_counter() - age, self._number + 1
+            except BlockingIOError:
+                return
+            try:
+                T, obstacles, age = self._read(content)
+            except _NOT_READ as error:
+                self.unread, self.why = self.unread + 1, str(error)[:200]
+                continue
+            seen = time.perf_counter() - age
+            if T is not None:
+                self._T, self._seen = T, seen
+            if obstacles is not None:
+                self._obstacles, self._obstacles_seen = obstacles, seen
+            self._number += 1
 
-    def _read(self, content: bytes) -> tuple[np.ndarray | None, np.ndarray, float]:
+    def _read(self, content: bytes) -> tuple[np.ndarray | None, np.ndarray | None, float]:
         said = json.loads(content)
         if not isinstance(said, dict):
             raise ValueError("expected a JSON object")
         if unknown := sorted(set(said) - {"T_world_object", "obstacles", "age"}):
             raise ValueError(f"{unknown} are unknown; T_world_object, obstacles and age are known")
-        T, obstacles = self._T, self._obstacles
+        T = obstacles = None
         if "T_world_object" in said:
             T = np.asarray(said["T_world_object"], float)
             T = check_rigid(T.reshape(4, 4) if T.size == 16 else T)
         if "obstacles" in said:
             obstacles = np.asarray(said["obstacles"], float).reshape(-1, 4)
+            if not np.isfinite(obstacles).all() or (obstacles[:, 3] < 0).any():
+                raise ValueError("an obstacle is not finite, or has a negative radius")
             if len(obstacles) > self._most:
                 raise ValueError(f"{len(obstacles)} obstacles came, and there are slots for {self._most}")
         age = float(said.get("age", 0.0))
-        if not age >= 0:
+        if not 0 <= age < np.inf:
             raise ValueError(f"age is {age}, expected seconds")
         return T, obstacles, age

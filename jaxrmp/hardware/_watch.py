@@ -9,13 +9,17 @@ from ._law import Step
 from ._limits import MotionLimits
 from ._sightings import Sighting
 
+LONGEST = 3600.0
+"""Seconds that a drive may last: its log takes some 300 bytes a cycle."""
+
 
 @settings("drive")
 class DriveSettings:
     """How an arm is driven.
 
     `speed`, times that of the policy; `duration`, s, after which it is stopped. It rests, and is done, once no joint
-    was faster than `still`, rad/s, for `hold` s. It starts only within `near`, rad, of the posture that is stated.
+    was faster than `still`, rad/s, for `hold` s, both of the policy's own time. It starts only within `near`, rad, of
+    the posture that is stated. Sliding joints count in m.
     What stops it: a cycle that comes later than `late`, s; a sighting older than `keep`, s; a joint nearer than
     `margin`, rad, to the end of its range and moving there; one farther than `follow`, rad, from where it was told to
     be; energy that rose, while nothing was seen to change and nobody pushed, by the share `rise` of the largest so far.
@@ -37,6 +41,10 @@ class DriveSettings:
     def __post_init__(self):
         if self.speed > 2.0:
             raise ConfigurationError(f"drive.speed is {self.speed}, expected at most 2: the policy's own is 1.")
+        if self.duration > LONGEST:
+            raise ConfigurationError(
+                f"drive.duration is {self.duration:g} s, expected at most {LONGEST:g}: every cycle is kept in memory."
+            )
 
 
 class Watch:
@@ -59,6 +67,8 @@ class Watch:
         **Arguments**: `state`; `dt`, s, since the last one; `seen`, the newest sighting; `step`, what the law gave.
         """
         settings = self._settings
+        if not dt > 0:
+            return f"the arm's clock went back, or stood still: by {dt:.3f} s from one cycle to the next"
         if dt > settings.late:
             return f"{1000 * dt:.0f} ms passed between two cycles: this process, or the network, was away"
         if seen.age > settings.keep:
@@ -81,7 +91,10 @@ class Watch:
         return f"{self._names[k]} is {apart[k]:.2f} rad from where it was told to be: something is in its way"
 
     def _end(self, state: ArmState, step: Step) -> str:
-        k = int(np.argmax((state.q_d < self._lower) & (step.qd < 0) | (state.q_d > self._upper) & (step.qd > 0)))
+        distance = np.where(
+            step.qd < 0, state.q_d - self._lower, np.where(step.qd > 0, self._upper - state.q_d, np.inf)
+        )
+        k = int(np.argmin(distance))
         return f"{self._names[k]} is at the end of its range, at {state.q_d[k]:.3f}"
 
     def _rise(self, state: ArmState, seen: Sighting, step: Step, energy: float) -> str:

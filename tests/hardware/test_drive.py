@@ -21,6 +21,7 @@ from jaxrmp.hardware import (
     SceneTracker,
     UdpSightings,
     check_log_folder,
+    check_start,
     drive,
     law,
     save_mcap,
@@ -129,12 +130,21 @@ def test_it_goes_to_a_posture(scene, homing):
     np.testing.assert_allclose(found.state.q, START + 0.3, atol=0.01)
 
 
+def within_limits(sent, arm):
+    """What was sent, and not what the reference says: its velocities, and their first and second differences."""
+    acceleration = np.diff(sent, axis=0, prepend=0 * sent[:1]) / arm.period
+    jerk = np.diff(acceleration, axis=0, prepend=0 * sent[:1]) / arm.period
+    assert (np.abs(sent) <= arm.limits.velocity).all()
+    assert (np.abs(acceleration) <= arm.limits.acceleration * 1.001).all()
+    assert (np.abs(jerk[:-1]) <= arm.limits.jerk * 1.001).all()  # the last ends at zero
+
+
 def stands(found, arm):
     """Whether a drive that was stopped ended with the arm at rest, braked within its limits."""
     arrays = found.log.arrays()
     qd, qdd = arrays["log_velocities_told"].astype(float), arrays["log_accelerations_told"].astype(float)
+    within_limits(arrays["log_command"].astype(float), arm)
     assert (np.abs(qdd) <= arm.limits.acceleration).all()
-    assert (np.abs(np.diff(qdd, axis=0)) <= arm.limits.jerk * arm.period * 1.001).all()
     assert arrays["log_braking"][-1] and not arrays["log_braking"][0]
     for _ in range(300):
         state = arm.read()
@@ -326,7 +336,7 @@ def test_a_full_log_says_so(scene, reach):
     log = Log(7, 2)
     for k in range(3):
         assert log.full == (k > 2)
-        log.add(state, 0.001, seen, step, False, 1e-4)
+        log.add(state, 0.001, seen, step, step.command, False, 1e-4)
     assert log.full and log.count == 2
 
 
@@ -354,6 +364,10 @@ def test_poses_come_as_datagrams():
                 ({"T_world_object": [1, 2, 3]}, "shape"),
                 ({"obstacles": [[0, 0, 0, 1], [0, 0, 1, 1]]}, "slots for 1"),
                 ({"pose": 1}, "unknown"),
+                ({"obstacles": [[0, 0, float("nan"), 1]]}, "not finite"),
+                ({"obstacles": [[0, 0, 0, -1]]}, "negative radius"),
+                (b"[" * 60_000, "recursion"),
+                (b'{"age": 1' + b"0" * 400 + b"}", "too large"),
                 ([1], "JSON object"),
             ):
                 before = sights.unread
@@ -367,6 +381,16 @@ def test_poses_come_as_datagrams():
             np.testing.assert_allclose(seen.T_world_object, T)
             np.testing.assert_allclose(seen.obstacles, [[0, 0, 1, 0.1]])
             assert 0.25 <= seen.age < 5.0
+            say({"T_world_object": T.tolist()})
+            say({"obstacles": []})
+            while sights.newest().number < seen.number + 2:
+                pass
+            np.testing.assert_allclose(sights.newest().T_world_object, T)
+            aged = sights.newest().age
+            say({"obstacles": []})
+            while sights.newest().number < seen.number + 3:
+                pass
+            assert sights.newest().age >= aged, "news of obstacles is none of the pose"
         with pytest.raises(ConfigurationError, match="cannot listen"):
             UdpSightings(("127.0.0.1", sights.port))
     finally:
@@ -383,8 +407,99 @@ def test_a_scene_s_object_is_seen_through_a_camera(scene):
     assert perfect.newest().age == 0.0 and max(ages[:150]) < 0.04 and ages[-1] > 0.5
 
 
+class Lagging(MujocoArm):
+    """An arm that drifts behind what it is told."""
+
+    def read(self):
+        state = super().read()
+        return state._replace(q=state.q - np.float32(0.03))
+
+
+@pytest.mark.parametrize("share", [1.0, 0.05])
+def test_what_mends_drift_keeps_the_limits(scene, homing, share):
+    arm = Lagging(scene, START, real_time=False)
+    limits = {name: share * getattr(arm.limits, name) for name in ("velocity", "acceleration", "jerk")}
+    arm.limits = dataclasses.replace(arm.limits, **limits)
+    slow = homing if share == 1.0 else law(to_posture(scene.robot, START + 0.3), arm)
+    found = drive(arm, slow, Fixed(np.eye(4)), DriveSettings(duration=2.0))
+    assert found.log.count > 1000
+    within_limits(found.log.arrays()["log_command"].astype(float), arm)
+
+
+def test_whatever_fails_on_our_side_brakes_the_arm_and_keeps_the_log(scene, reach):
+    reaching, T, _ = reach
+
+    def broken(seen, k):
+        if k > 600:
+            raise KeyError("a tracker's own fault")
+        return seen
+
+    arm = arm_at(scene)
+    found = drive(arm, reaching, Sighted(T, broken), start=START)
+    assert found.end == DriveEnd.STOPPED and "a tracker's own fault" in found.reason and stands(found, arm)
+
+
+def test_a_state_that_is_no_number_is_not_answered(scene, reach):
+    reaching, T, _ = reach
+    sent = []
+
+    class Blind(MujocoArm):
+        def read(self):
+            state = super().read()
+            return state._replace(q=state.q * np.nan, q_d=state.q_d * np.nan) if self.data.time > 1.0 else state
+
+        def send(self, command, last=False):
+            sent.append(np.isfinite(command).all())
+            super().send(command, last)
+
+    found = drive(Blind(scene, START, real_time=False), reaching, Fixed(T), start=START)
+    assert found.end in (DriveEnd.STOPPED, DriveEnd.BY_ARM) and all(sent)
+    with pytest.raises(ConfigurationError, match="not at the start"):
+        check_start(np.full(7, np.nan), START, 0.1, scene.robot.joint_names)
+
+
+def test_a_clock_that_goes_back_stops_it(scene, reach):
+    reaching, T, _ = reach
+
+    class Back(MujocoArm):
+        def read(self):
+            state = super().read()
+            return state._replace(time=state.time - 100.0) if self.data.time > 1.0 else state
+
+    arm = Back(scene, START, real_time=False)
+    found = drive(arm, reaching, Fixed(T), start=START, interface="torque")
+    assert found.end == DriveEnd.STOPPED and "clock" in found.reason
+    assert np.abs(np.diff(found.log.arrays()["log_positions_told"], axis=0)).max() < 0.02
+
+
+def test_a_reflex_while_it_ends_is_no_success(scene, reach):
+    reaching, T, _ = reach
+
+    class Reflex(MujocoArm):
+        def send(self, command, last=False):
+            if last:
+                raise ArmError("the arm: reflex")
+            super().send(command, last)
+
+    found = drive(Reflex(scene, START, real_time=False), reaching, Fixed(T), start=START)
+    assert found.end == DriveEnd.BY_ARM and "came to rest; then the arm: reflex" in found.reason
+
+
+def test_more_obstacles_than_slots_are_refused_before_it_moves(scene, reach, homing):
+    reaching, T, _ = reach
+    ball = [0.5, 0.0, 0.9, 0.05]
+    for compiled, count in ((reaching, 3), (homing, 1)):
+        with pytest.raises(ConfigurationError, match="slots for"):
+            drive(arm_at(scene), compiled, Fixed(T, [ball] * count))
+
+
 def test_settings_that_make_no_sense():
-    for settings, message in (({"speed": 0.0}, "drive.speed"), ({"speed": 3.0}, "at most 2"), ({"rise": 1.0}, "rise")):
+    for settings, message in (
+        ({"speed": 0.0}, "drive.speed"),
+        ({"speed": 3.0}, "at most 2"),
+        ({"rise": 1.0}, "rise"),
+        ({"duration": 1e9}, "memory"),
+    ):
         with pytest.raises(ConfigurationError, match=message):
             DriveSettings(**settings)
     with pytest.raises(jaxrmp.RigidTransformError):

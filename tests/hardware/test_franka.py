@@ -291,16 +291,23 @@ def test_demonstrations_are_recorded_from_an_arm_that_is_guided(tmp_path_factory
         for _ in range(2):
             done = jaxrmp("record", "--host", sim.host, "--realtime", "ignore", "--out", folder, "--seconds", "1.5")
             assert done.returncode == 0, done.stderr
-        lines = "\n\nq\n"
-        done = jaxrmp("record", "--host", sim.host, "--realtime", "ignore", "--out", folder, "--stdin", input=lines)
-        assert done.returncode == 0, done.stderr
+        by_hand = ["record", "--host", sim.host, "--realtime", "ignore", "--out", str(folder), "--stdin"]
+        process = subprocess.Popen(
+            [sys.executable, "-m", "jaxrmp", *by_hand], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        )
+        assert "Enter begins" in process.stdout.readline()
+        for said, seconds in (("\n", 1.5), ("\nq\n", 0.0)):
+            process.stdin.write(said)
+            process.stdin.flush()
+            time.sleep(seconds)
+        assert process.wait(timeout=60) == 0
         arm = FrankaArm(sim.host, "ignore")
         calls = iter(range(1000))
         found = record(arm, lambda: next(calls) < 500, rate=200.0)
         arm.close()
     assert 0.3 < found["time"][-1] < 5.0 and len(found["time"]) >= 0.15 * 500
     demos = learning.load_demonstrations(folder)
-    assert len(demos) >= 2 and demos.joint_names == NAMES
+    assert len(demos) == 3 and demos.joint_names == NAMES
     for demonstration in list(demos)[:2]:
         rate = (len(demonstration.time) - 1) / demonstration.time[-1]
         assert 90 < rate < 110 and demonstration.time[-1] > 1.0

@@ -13,6 +13,7 @@ from jaxrmp.kinematics import panda
 
 DT = 1e-3
 LIMITS = {"fr3": FR3_LIMITS, "by file": check_limits(MotionLimits.of_robot(panda()), 7)}
+LIMITS["jerk 500"] = dataclasses.replace(LIMITS["by file"], jerk=np.full(7, 500.0))
 
 
 @pytest.fixture(params=LIMITS)
@@ -83,7 +84,7 @@ def test_braking_goes_straight_on_and_ends(limits):
     v, a = np.array([1.0, -0.8, 0.6, 0.4, -0.2, 0.1, 1.2]), np.zeros(7)
     began, way = v / np.linalg.norm(v), np.zeros(7)
     with jax.enable_x64(True):
-        for _ in range(800):
+        for _ in range(2000):
             found = brake(limits, q + way, v, a, DT)
             jerk = (np.asarray(found.qdd) - a) / DT
             v, a = np.asarray(found.qd), np.asarray(found.qdd)
@@ -95,10 +96,38 @@ def test_braking_goes_straight_on_and_ends(limits):
     np.testing.assert_allclose(way / np.linalg.norm(way), began, atol=1e-6)
 
 
+@pytest.mark.parametrize("jerk", [20.0, 50.0, 100.0])
+def test_an_arm_of_little_jerk_is_slow_and_neither_crosses_limits_nor_turns_back(jerk):
+    limits = dataclasses.replace(LIMITS["by file"], jerk=np.full(7, jerk))
+    wanted = np.array([30.0, -30.0, 30.0, 30.0, -30.0, 30.0, -30.0])
+    q, v, a = 0.5 * (limits.lower + limits.upper), np.zeros(7), np.zeros(7)
+    with jax.enable_x64(True):
+        step = jax.jit(lambda q, v, a: limited(limits, q, v, a, wanted, DT))
+        stop = jax.jit(lambda q, v, a: brake(limits, q, v, a, DT))
+        for k in range(20_000):
+            found = step(q, v, a)
+            v, a = np.asarray(found.qd), np.asarray(found.qdd)
+            q = q + DT * v
+            assert (q > limits.lower).all() and (q < limits.upper).all() and (np.abs(v) <= limits.velocity).all()
+            if k == 3000:
+                way = (q, v, a)
+        q, v, a = way
+        forth = np.sign(v)
+        assert (np.abs(v) > 0.05).any()
+        for _ in range(20_000):
+            found = stop(q, v, a)
+            v, a = np.asarray(found.qd), np.asarray(found.qdd)
+            q = q + DT * v
+            assert (forth * v > -1e-3).all(), "it stops, and does not turn back"
+    assert np.abs(v).max() < 1e-3
+
+
 def test_limits_that_are_none_are_refused():
     for name, value, message in (
         ("velocity", np.zeros(7), "limits.velocity"),
         ("jerk", np.full(7, np.nan), "limits.jerk"),
+        ("braking", np.zeros(7), "limits.braking"),
+        ("offset", np.full(7, np.inf), "limits.offset"),
         ("lower", np.full(6, -1.0), "limits.lower"),
         ("upper", FR3_LIMITS.lower, "not below limits.upper"),
     ):
