@@ -9,6 +9,7 @@ from .._errors import NoGeometryError, RobotError, UnknownNameError
 from .._pytree import pytree, set_field, static
 from .._rotations import pose, rotation_of_quaternion
 from ..kinematics import Robot
+from ..kinematics._body_poses import body_poses
 from ..kinematics._mujoco import import_mujoco
 from ..kinematics._robot import Body, Frame, Joint, KinematicModel
 from ..world import Boxes, Capsules, Cylinders, Spheres, World, geometry_of_model
@@ -93,8 +94,9 @@ def object_model(
         surface_points(world, sets * int(n), margin, rng).reshape(sets, int(n), 3).astype(np.float32)
         for world, n in zip(shapes, counts, strict=True)
     ]
-    base = look[links.index(0)] if 0 in links else look[0]
-    return ObjectModel(robot, tuple(links), tuple(shapes), base.reshape(-1, 3).mean(0), tuple(look))
+    at = body_poses(robot.model, np.clip(np.zeros((1, robot.num_joints)), robot.lower, robot.upper))
+    cloud = [p.reshape(-1, 3) @ at[k][0, :3, :3].T + at[k][0, :3, 3] for k, p in zip(links, look, strict=True)]
+    return ObjectModel(robot, tuple(links), tuple(shapes), np.concatenate(cloud).mean(0), tuple(look))
 
 
 def _robot(m: Any, names: list[str], below: list[int]) -> Robot:

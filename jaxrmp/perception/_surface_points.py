@@ -1,5 +1,6 @@
 """Points on the surfaces of shapes, and round them."""
 
+import dataclasses
 from typing import Any
 
 import numpy as np
@@ -39,7 +40,7 @@ def _shapes(world: World) -> list[tuple[float, Any]]:
 
 
 def _fields(kind: Any) -> list[np.ndarray]:
-    return [np.asarray(value, float) for value in list(vars(kind).values())[: len(kind._blank)]]
+    return [np.asarray(getattr(kind, f.name), float) for f in dataclasses.fields(kind)[: len(kind._blank)]]
 
 
 def _box(T: np.ndarray, half: np.ndarray) -> tuple[float, Any]:

@@ -1,0 +1,45 @@
+"""How an object is tracked."""
+
+from .._ranges import NonNegative, Positive, settings
+
+
+@settings("object_tracker")
+class ObjectTrackerSettings:
+    """What the tracker believes of the camera, the object's motion, and when it has lost it.
+
+    Measuring: `model_error`, m, how exact the object's shapes are; `gates`, m, one for each step of Gauss-Newton, by
+    which residuals count beyond three standard deviations; `clearance`, m, by which a ray must enter a part before the
+    point that it ends at to have seen through it; `outline_error`, m, of outlines; `robot_margin`, m, by which the
+    robot's spheres are widened; `trust`, the share of what the measurements say, were their errors independent, that
+    is believed.
+
+    Motion, from frame to frame, each for a second: `drift`, m and rad, of the base, whose pose is nearly constant;
+    `jerkiness`, of the joints' speeds, rad/s or m/s.
+
+    Losing: a link is seen where its points are `enough` of what is looked for on it, at least, and `contradicted` of
+    them at most, by rays that go through it by more than `through`, m.
+
+    Finding: `guesses` a frame, of which the first is where it was last seen; the others are `spread`, m and rad,
+    round it, their joints anywhere in their ranges; `search_points`, pixels of all the picture; `search_gates`, as
+    above.
+
+    **Raises** `ConfigurationError` for a value that makes no sense.
+    """
+
+    rate: Positive[float] = 30.0
+    model_error: Positive[float] = 0.001
+    gates: NonNegative[tuple[float, ...]] = (0.02, 0.01, 0.005)
+    clearance: Positive[float] = 0.015
+    outline_error: Positive[float] = 0.004
+    robot_margin: NonNegative[float] = 0.01
+    trust: Positive[float] = 0.05
+    drift: Positive[tuple[float, float]] = (0.01, 0.02)
+    jerkiness: Positive[float] = 3.0
+    enough: Positive[float] = 0.05
+    contradicted: Positive[float] = 0.3
+    through: Positive[float] = 0.02
+    guesses: Positive[int] = 4
+    spread: Positive[tuple[float, float]] = (0.05, 0.25)
+    search_points: Positive[int] = 1500
+    search_gates: NonNegative[tuple[float, ...]] = (0.15, 0.12, 0.1, 0.08, 0.06, 0.04, 0.03, 0.02)
+    seed: int = 0
