@@ -59,9 +59,8 @@ def evidence(
     variance = across * across + settings.model_error**2
     weight, square = _weights(found.distance, variance, gate, 1.0)
     weight = jnp.where(rays.known, weight, 0)
-    length = jnp.sqrt(_dot(way, way))
     before = 1 - (settings.clearance + 4 * sigma_z) * inverse
-    outline = seen_through(model, parts, p, camera_at, before)
+    outline = seen_through(parts, p, camera_at, before)
     pixel = 0.3 * rays.depth / jnp.asarray(camera.focal, dtype)[0]
     through_weight, _ = _weights(outline.distance, pixel * pixel + settings.outline_error**2, gate, 2.0)
     crossed = rays.known & (outline.distance < 0)
@@ -73,7 +72,6 @@ def evidence(
     fits = rays.known & (found.distance * found.distance < 9 * variance)
     deep = crossed & (outline.distance < -settings.through)
     count = jnp.maximum(jnp.sum(fits), 1)
-    del length
     return Evidence(
         product[:-1, :-1],
         product[:-1, -1],

@@ -1,23 +1,28 @@
 """Which part of an object a point belongs to: the nearest, as far as the camera sees it."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
-from ..kinematics._motion import BodyMotion, JointAxis, move
-from ..kinematics._scalars import add, add3, cross, mul, rotate, sub3
+from .._linalg import matmul
+from ..kinematics._motion import JointAxis, move
+from ..kinematics._scalars import add, cross, mul, sub3
 from ..world import Boxes
-from ..world._components import Point, corner_derivatives, dot, rotated, to_local
-from ..world._obstacles import FAR
+from ..world._components import Point, components, corner_derivatives, dot, rotated, to_local
+from ..world._obstacles import FAR, with_fields
 from ._object_model import ObjectModel
+
+_POSES, _PLACES = ("T_world_box", "T_world_cylinder", "T_world_grid"), ("start", "end", "center")
 
 
 class Parts(NamedTuple):
-    """Where the links of an object are, `motions` by body, and the axes of its joints, `axes`, in its base's frame."""
+    """Where the parts of an object are, in its base's frame: its shapes, kind by kind, with the place in
+    `ObjectModel.links` of the link of each; and the axes of its joints."""
 
-    motions: dict[int, BodyMotion]
+    kinds: list[tuple[Any, np.ndarray]]
     axes: dict[int, JointAxis]
 
 
@@ -36,59 +41,77 @@ class Found(NamedTuple):
 
 def parts_at(model: ObjectModel, q: jax.Array) -> Parts:
     """Where the parts are with the joints at `q` [n]."""
-    return Parts(*move(model.robot.model, model.links, q))
+    motions, axes = move(model.robot.model, model.links, q)
+    placed: dict[Any, list[tuple[int, Any]]] = {}
+    for k, (link, world) in enumerate(zip(model.links, model.shapes, strict=True)):
+        motion = motions[link]
+        R = jnp.stack([jnp.asarray(r, q.dtype) for r in motion.rotation]).reshape(3, 3)
+        t = jnp.stack([jnp.asarray(x, q.dtype) for x in motion.position])
+        for i, kind in enumerate(world.kinds):
+            apart = (type(kind), k, i) if kind in world.grids else type(kind)
+            placed.setdefault(apart, []).append((k, _moved(kind, R, t)))
+    kinds = []
+    for found in placed.values():
+        links = np.concatenate([np.full(kind.size, k, np.int32) for k, kind in found])
+        alike = [kind for _, kind in found]
+        kinds.append((alike[0] if len(alike) == 1 else jax.tree.map(lambda *a: jnp.concatenate(a), *alike), links))
+    return Parts(kinds, axes)
 
 
-def slots(model: ObjectModel) -> Iterator[tuple[int, Any]]:
-    """All shapes, one by one: the place of its link, and an obstacle of one slot."""
-    for k, world in enumerate(model.shapes):
-        for kind in world.kinds:
-            if kind in world.grids or kind.size == 1:
-                yield k, kind
-            else:
-                for i in range(kind.size):
-                    yield k, jax.tree.map(lambda a, i=i: a[i : i + 1], kind)
+def _moved(kind: Any, R: jax.Array, t: jax.Array) -> Any:
+    """Obstacles of one kind, moved by a rotation and a translation."""
+    fields = {}
+    for name in _POSES:
+        if hasattr(kind, name):
+            T = jnp.asarray(getattr(kind, name), t.dtype)
+            moved = T.at[..., :3, :3].set(matmul(R, T[..., :3, :3]))
+            fields[name] = moved.at[..., :3, 3].set(matmul(T[..., :3, 3], R.T) + t)
+    for name in _PLACES:
+        if hasattr(kind, name):
+            fields[name] = matmul(jnp.asarray(getattr(kind, name), t.dtype), R.T) + t
+    if hasattr(kind, "normal"):
+        normal = matmul(jnp.asarray(kind.normal, t.dtype), R.T)
+        fields.update(normal=normal, offset=jnp.asarray(kind.offset, t.dtype) + matmul(normal, t))
+    return with_fields(kind, **fields)
 
 
-def to_link(motion: BodyMotion, p: Any) -> Any:
-    """Points of the base's frame in a link's."""
-    return rotate(_transposed(motion.rotation), sub3(p, motion.position))
-
-
-def nearest(model: ObjectModel, parts: Parts, p: Point, camera: Any) -> Found:
-    """The part nearest to each of N points `p`, three [N], of the base's frame, seen by a camera at `camera` [3] there.
+def nearest(model: ObjectModel, parts: Parts, p: Point, camera: Point) -> Found:
+    """The part nearest to each of N points `p`, three [N], of the base's frame, seen by a camera at `camera`, there.
 
     The distance is the signed one of `jaxrmp.world`, but within a box it is to the nearest face that the camera sees:
     what noise puts behind the middle of a thin panel still belongs to its front.
     """
 
-    def evaluate(shape: Any, local: Point, eye: Any) -> tuple[jax.Array, Point, Point]:
-        distance, gradient = _distance(shape, local, eye)
-        return distance, gradient, local
+    def evaluate(shape: Any) -> tuple[jax.Array, Point, Point]:
+        return *_distance(shape, p, camera), p
 
     def better(new: jax.Array, old: jax.Array) -> jax.Array:
         return jnp.abs(new) < jnp.abs(old)
 
-    return over_shapes(model, parts, p, camera, evaluate, better, FAR)
+    return over_shapes(parts, p, evaluate, better, FAR)
 
 
-def over_shapes(
-    model: ObjectModel, parts: Parts, p: Point, camera: Any, evaluate: Callable, better: Callable, start: float
-) -> Found:
-    """The best of what `evaluate` finds of every shape, a distance, its gradient and where, in the link's frame."""
+def over_shapes(parts: Parts, p: Point, evaluate: Callable, better: Callable, start: float) -> Found:
+    """The best of what `evaluate` finds of every shape: a distance, its gradient and where it holds.
+
+    One after the other in a loop: as one expression, XLA:CPU would compute each anew for every one behind it.
+    """
     zero = jnp.zeros_like(p[0])
     best = Found(zero + start, (zero, zero, zero), p, jnp.zeros(zero.shape, jnp.int32))
-    for k, shape in slots(model):
-        motion = parts.motions[model.links[k]]
-        d, g, x = evaluate(shape, to_link(motion, p), to_link(motion, camera))
-        wins = better(d, best.distance) & jnp.reshape(jnp.asarray(shape.active), ())
-        g, x = rotate(motion.rotation, g), add3(motion.position, rotate(motion.rotation, x))
 
-        def chosen(new: Any, old: Any, wins: jax.Array = wins) -> Any:
-            return jnp.where(wins, new, old)
+    def compare(best: Found, one: Any) -> tuple[Found, None]:
+        shape, link = one
+        d, gradient, at = evaluate(shape)
+        wins = better(d, best.distance) & jnp.reshape(shape.active, ())
+        new = Found(d, gradient, at, jnp.full(d.shape, link))
+        return jax.tree.map(lambda a, b: jnp.where(wins, a, b), new, best), None
 
-        gradient, at = tuple(map(chosen, g, best.gradient)), tuple(map(chosen, x, best.at))
-        best = Found(chosen(d, best.distance), gradient, at, chosen(k, best.link))  # type: ignore[arg-type]
+    for kind, links in parts.kinds:
+        if kind.size == 1:
+            best, _ = compare(best, (kind, links[0]))
+        else:
+            one_by_one = jax.tree.map(lambda a: jnp.asarray(a)[:, None], kind)
+            best, _ = jax.lax.scan(compare, best, (one_by_one, jnp.asarray(links)))
     return best
 
 
@@ -99,8 +122,7 @@ def jacobian(model: ObjectModel, parts: Parts, found: Found) -> list[jax.Array]:
     joints: `-g`, `-(p - middle) x g`, and of a hinge `-axis . ((p - anchor) x g)`, of a slide `-axis . g`.
     """
     g, p = found.gradient, found.at
-    middle = [jnp.asarray(model.middle, p[0].dtype)[i] for i in range(3)]
-    turn = cross(sub3(p, tuple(middle)), g)  # type: ignore[arg-type]
+    turn = cross(sub3(p, components(model.middle, p[0].dtype)), g)
     columns: list[Any] = [-x for x in (*g, *turn)]
     kinematic = model.robot.model
     for coordinate in range(model.num_joints):
@@ -125,20 +147,18 @@ def visible_sides(half: Point, eye: Point) -> list[tuple[jax.Array, jax.Array]]:
     return [(jnp.abs(e) > h, jnp.where(e >= 0, 1, -1).astype(e.dtype)) for h, e in zip(half, eye, strict=True)]
 
 
-def in_box(shape: Boxes, p: Any) -> tuple[Point, Point]:
+def in_box(shape: Boxes, p: Point) -> tuple[Point, Point]:
     """Points in a box's own frame, three [N], and half its sides."""
-    dtype = jnp.result_type(p[0])
-    local = to_local(jnp.asarray(shape.T_world_box, dtype)[0], p)
-    half = jnp.asarray(shape.half_extents, dtype)[0]
-    return local, (half[0], half[1], half[2])
+    dtype = p[0].dtype
+    return to_local(jnp.asarray(shape.T_world_box, dtype)[0], p), components(shape.half_extents, dtype)
 
 
 def out_of_box(shape: Boxes, v: Point) -> Point:
-    """Vectors of a box's own frame in its link's."""
+    """Vectors of a box's own frame in the base's."""
     return rotated(jnp.asarray(shape.T_world_box, v[0].dtype)[0], v, back=True)
 
 
-def _distance(shape: Any, p: Point, eye: Any) -> tuple[jax.Array, Point]:
+def _distance(shape: Any, p: Point, eye: Point) -> tuple[jax.Array, Point]:
     if isinstance(shape, Boxes):
         return _to_visible_faces(shape, p, eye)
     columns: Any = tuple(x[:, None] for x in p)
@@ -148,9 +168,9 @@ def _distance(shape: Any, p: Point, eye: Any) -> tuple[jax.Array, Point]:
     return d[:, 0], (x, y, z)
 
 
-def _to_visible_faces(shape: Boxes, p: Point, eye: Any) -> tuple[jax.Array, Point]:
+def _to_visible_faces(shape: Boxes, p: Point, eye: Point) -> tuple[jax.Array, Point]:
     local, half = in_box(shape, p)
-    seen = visible_sides(half, in_box(shape, tuple(jnp.asarray(x, p[0].dtype) for x in eye))[0])
+    seen = visible_sides(half, in_box(shape, eye)[0])
     signs = [jnp.where(x >= 0, 1, -1).astype(x.dtype) for x in local]
     faces = [s * x - h for s, x, h in zip(signs, local, half, strict=True)]
     inside = (faces[0] <= 0) & (faces[1] <= 0) & (faces[2] <= 0)
@@ -167,10 +187,6 @@ def _to_visible_faces(shape: Boxes, p: Point, eye: Any) -> tuple[jax.Array, Poin
     d = jnp.where(inside, jnp.maximum(jnp.maximum(faces[0], faces[1]), faces[2]), outside)
     x, y, z = (s * slope for s, slope in zip(signs, slopes, strict=True))
     return d, out_of_box(shape, (x, y, z))
-
-
-def _transposed(R: Any) -> Any:
-    return R[0], R[3], R[6], R[1], R[4], R[7], R[2], R[5], R[8]
 
 
 def _dot(u: Any, v: Any) -> Any:

@@ -7,9 +7,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._linalg import matmul
+from ..kinematics._motion import move
 from ..world._components import Point
 from ._camera import Camera
-from ._nearest import parts_at
 from ._object_model import ObjectModel
 
 
@@ -27,9 +27,9 @@ def pixels_of_object(
 ) -> tuple[jax.Array, jax.Array]:
     """The pixels [N, 2] where the object's `look` would be seen with its base at `R`, `t` and joints at `q`, the set
     for this `frame`; and whether they are in the picture [N]."""
-    parts, found = parts_at(model, q), []
+    (motions, _), found = move(model.robot.model, model.links, q), []
     for k, look in zip(model.links, model.look, strict=True):
-        motion = parts.motions[k]
+        motion = motions[k]
         local = jnp.asarray(look, t.dtype)[frame % len(look)]
         rotation = jnp.stack([jnp.asarray(r, t.dtype) for r in motion.rotation]).reshape(3, 3)
         place = jnp.stack([jnp.asarray(x, t.dtype) for x in motion.position])

@@ -8,32 +8,30 @@ import jax.numpy as jnp
 from ..world import Boxes, Capsules, Cylinders, Spheres
 from ..world._components import Point, along, difference
 from ._nearest import Found, Parts, in_box, out_of_box, over_shapes, visible_sides
-from ._object_model import ObjectModel
 
 
-def seen_through(model: ObjectModel, parts: Parts, p: Point, camera: Any, before: jax.Array) -> Found:
+def seen_through(parts: Parts, p: Point, camera: Point, before: jax.Array) -> Found:
     """How deep each ray from a camera to a point runs within the outline of a part that it should have met.
 
     Points on a plane say nothing about where on it the plane ends; a ray that goes on beyond it does. It counts where
     it enters a part nearer to the camera than the fraction `before` [N] of the way to its point. Minus the distance
     across the ray to the part's outline is the `distance`, 0 where nothing is met; `at`, where on the ray that is.
 
-    **Arguments**: `p`, three [N], and `camera` [3], in the base's frame. Grids and half-spaces are left out.
+    **Arguments**: `p`, three [N], and `camera`, three numbers, in the base's frame. Grids and half-spaces are left out.
     """
 
-    def evaluate(shape: Any, local: Point, eye: Any) -> tuple[jax.Array, Point, Point]:
-        eye = tuple(jnp.asarray(x, local[0].dtype) for x in eye)
+    def evaluate(shape: Any) -> tuple[jax.Array, Point, Point]:
         if isinstance(shape, Boxes):
-            return _box(shape, local, eye, before)
+            return _box(shape, p, camera, before)
         if isinstance(shape, Spheres | Capsules | Cylinders):
-            return _round(shape, local, eye, before)
-        zero = jnp.zeros_like(local[0])
-        return zero, (zero, zero, zero), local
+            return _round(shape, p, camera, before)
+        zero = jnp.zeros_like(p[0])
+        return zero, (zero, zero, zero), p
 
     def better(new: jax.Array, old: jax.Array) -> jax.Array:
         return new < old
 
-    return over_shapes(model, parts, p, camera, evaluate, better, 0.0)
+    return over_shapes(parts, p, evaluate, better, 0.0)
 
 
 def _round(shape: Any, p: Point, eye: Any, before: jax.Array) -> tuple[jax.Array, Point, Point]:
