@@ -23,7 +23,15 @@ class Rays(NamedTuple):
 
 
 def pixels_of_object(
-    model: ObjectModel, camera: Camera, R: jax.Array, t: jax.Array, q: jax.Array, frame: jax.Array
+    model: ObjectModel,
+    camera: Camera,
+    R: jax.Array,
+    t: jax.Array,
+    q: jax.Array,
+    frame: jax.Array,
+    spread: float = 0.0,
+    key: jax.Array | None = None,
+    count: int = 0,
 ) -> tuple[jax.Array, jax.Array]:
     """The pixels [N, 2] where the object's `look` would be seen with its base at `R`, `t` and joints at `q`, the set
     for this `frame`; and whether they are in the picture [N]."""
@@ -35,7 +43,11 @@ def pixels_of_object(
         place = jnp.stack([jnp.asarray(x, t.dtype) for x in motion.position])
         found.append(matmul(local, rotation.T) + place)
     T = jnp.asarray(camera.T_world_camera, t.dtype)
-    p_world = matmul(jnp.concatenate(found), R.T) + t
+    p = jnp.concatenate(found)
+    if key is not None:
+        one, other = jax.random.split(key)
+        p = p[jax.random.randint(one, (count,), 0, len(p))] + spread * jax.random.normal(other, (count, 3), p.dtype)
+    p_world = matmul(p, R.T) + t
     uv, seen = camera.pixel(matmul(p_world - T[:3, 3], T[:3, :3]))
     return jnp.where(seen[:, None], jnp.round(uv), 0).astype(jnp.int32), seen
 

@@ -20,8 +20,9 @@ class ObjectTrackerSettings:
     them at most, by rays that go through it by more than `through`, m.
 
     Finding: `guesses` a frame, of which the first is where it was last seen; the others are `spread`, m and rad,
-    round it, their joints anywhere in their ranges; `search_points`, pixels of all the picture; `search_gates`, as
-    above.
+    round it, their joints anywhere in their ranges; `search_points`, pixels looked at; `search_gates`, as above;
+    `confirm`, images in a row in which it must be seen, before guesses are no longer compared with it; `better`, by how
+    much one must be to be preferred, in roots of points.
 
     **Raises** `ConfigurationError` for a value that makes no sense.
     """
@@ -38,8 +39,10 @@ class ObjectTrackerSettings:
     enough: Positive[float] = 0.05
     contradicted: Positive[float] = 0.3
     through: Positive[float] = 0.02
-    guesses: Positive[int] = 4
+    guesses: Positive[int] = 3
     spread: Positive[tuple[float, float]] = (0.05, 0.25)
-    search_points: Positive[int] = 1500
-    search_gates: NonNegative[tuple[float, ...]] = (0.15, 0.12, 0.1, 0.08, 0.06, 0.04, 0.03, 0.02)
+    search_points: Positive[int] = 1000
+    search_gates: NonNegative[tuple[float, ...]] = (0.15, 0.1, 0.07, 0.05, 0.03, 0.02)
+    confirm: Positive[int] = 6
+    better: NonNegative[float] = 1.0
     seed: int = 0

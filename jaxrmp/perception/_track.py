@@ -24,7 +24,8 @@ class Estimate(NamedTuple):
 
     `T_world_object` [4, 4], its base; `q`, `qd` [n], its joints, rad or m, and their speeds; `covariance`
     [6 + 2n, 6 + 2n], of a displacement of the base, m, a turn about `ObjectModel.middle`, rad, both in its frame, of
-    q and of qd; `lost`, whether the last image did not show it; `frame`, how many there were; `fits` [L], the share of
+    q and of qd; `lost`, whether the last image did not show it; `seen`, in how many images in a row it was, `frame`,
+    how many there were; `fits` [L], the share of
     what was looked for on each link that was there; `through` [L], the share that was seen through; `rms`, m.
     While it is lost, the pose stays where it was seen last.
     """
@@ -34,6 +35,7 @@ class Estimate(NamedTuple):
     qd: jax.Array
     covariance: jax.Array
     lost: jax.Array
+    seen: jax.Array
     frame: jax.Array
     fits: jax.Array
     through: jax.Array
@@ -60,10 +62,10 @@ def start_estimate(model: ObjectModel, settings: ObjectTrackerSettings, T_world_
     T = jnp.asarray(check_rigid(T_world_object), dtype)
     P = jnp.diag(_wide(settings, n, dtype))
     shares = jnp.zeros(links, dtype)
-    zero = jnp.zeros((), dtype)
+    zero, none = jnp.zeros((), dtype), jnp.zeros((), jnp.int32)
     q = jnp.asarray(q, dtype)
     return Estimate(
-        T, q, jnp.zeros(n, dtype), P, jnp.array(True), jnp.zeros((), jnp.int32), shares, shares, zero
+        T, q, jnp.zeros(n, dtype), P, jnp.array(True), none, none, shares, shares, zero
     )
 
 
@@ -99,21 +101,20 @@ def track(
     def weigh(rays: Rays, place: _Place, gate: jax.Array) -> Evidence:
         return evidence(model, settings, camera, rays, *place, gate, noise)
 
+    F = jnp.eye(6 + 2 * n, dtype=dtype).at[6 : 6 + n, 6 + n :].set(dt * jnp.eye(n, dtype=dtype))
+    P = matmul(matmul(F, estimate.covariance), F.T) + _process(settings, n, dtype)
+    followed = last._replace(q=_within(model, last.q + dt * estimate.qd)), estimate.qd, P
+
     def found(_: None) -> tuple[_Place, jax.Array, jax.Array]:
-        place = _search(model, settings, last, look, weigh, camera, estimate.frame)
+        place, better = _search(model, settings, followed[0], look, weigh, camera, estimate.frame)
         wide = jnp.asarray([0.02] * 3 + [0.1] * 3 + [0.2] * n + [1.0] * n, dtype)
-        return place, jnp.zeros(n, dtype), jnp.diag(wide * wide)
+        elsewhere = place, jnp.zeros(n, dtype), jnp.diag(wide * wide)
+        return jax.tree.map(lambda a, b: jnp.where(estimate.lost | better, a, b), elsewhere, followed)
 
-    def followed(_: None) -> tuple[_Place, jax.Array, jax.Array]:
-        F = jnp.eye(6 + 2 * n, dtype=dtype).at[6 : 6 + n, 6 + n :].set(dt * jnp.eye(n, dtype=dtype))
-        P = matmul(matmul(F, estimate.covariance), F.T) + _process(settings, n, dtype)
-        return last._replace(q=_within(model, last.q + dt * estimate.qd)), estimate.qd, P
-
-    place, qd, P = jax.lax.cond(estimate.lost, found, followed, None)
-    uv, wanted = pixels_of_object(model, camera, *place, estimate.frame)
-    rays = look(uv, wanted)
+    place, qd, P = jax.lax.cond(estimate.seen < settings.confirm, found, lambda _: followed, None)
+    rays = look(*pixels_of_object(model, camera, *place, estimate.frame))
     prior = _inverse(P)
-    m, start = 6 + n, place
+    m = 6 + n
     moved = jnp.zeros(m + n, dtype)
 
     def step(carry, gate):
@@ -132,7 +133,6 @@ def track(
     fits, through = seen.fits / asked, seen.through / asked
     lost = ((fits < settings.enough) | (through > settings.contradicted * (fits + through))).any()
     lost = lost | ~jnp.isfinite(moved).all()
-    del start
     T = jnp.asarray(jnp.eye(4), dtype).at[:3, :3].set(_orthonormal(place.R)).at[:3, 3].set(place.t)
     wide = jnp.diag(_wide(settings, n, dtype))
     return Estimate(
@@ -141,6 +141,7 @@ def track(
         jnp.where(lost, 0, qd + moved[m:]),
         jnp.where(lost, wide, covariance),
         lost,
+        jnp.where(lost, 0, estimate.seen + 1),
         estimate.frame + 1,
         fits,
         through,
@@ -148,12 +149,20 @@ def track(
     )
 
 
-def _search(model, settings, last: _Place, look, weigh, camera: Camera, frame: jax.Array) -> _Place:
-    """The best of some guesses, each improved on pixels of all the picture."""
+def _search(
+    model, settings, last: _Place, look, weigh, camera: Camera, frame: jax.Array
+) -> tuple[_Place, jax.Array]:
+    """The best of some guesses, each improved, and whether it is clearly better than the first, which is `last`.
+
+    They look at the same pixels: a third of them from all the picture, the others round where the object was last.
+    """
     dtype, n, R = last.t.dtype, model.num_joints, settings.guesses
     key = jax.random.fold_in(jax.random.key(settings.seed), frame)
-    for_pixels, for_base, for_joints = jax.random.split(key, 3)
-    rays = look(*pixels_of_picture(camera, settings.search_points, for_pixels))
+    for_pixels, for_spread, for_base, for_joints = jax.random.split(key, 4)
+    whole = pixels_of_picture(camera, settings.search_points // 3, for_pixels)
+    count = settings.search_points - len(whole[0])
+    near = pixels_of_object(model, camera, *last, frame, settings.spread[0], for_spread, count)
+    rays = look(*jax.tree.map(lambda a, b: jnp.concatenate([a, b]), whole, near))
     spread = jnp.asarray([settings.spread[0]] * 3 + [settings.spread[1]] * 3, dtype)
     change = spread * jax.random.normal(for_base, (R, 6), dtype)
     low, high = (jnp.clip(jnp.asarray(b, dtype), -np.pi, np.pi) for b in (model.robot.lower, model.robot.upper))
@@ -174,8 +183,9 @@ def _search(model, settings, last: _Place, look, weigh, camera: Camera, frame: j
         return place, jnp.sum(jnp.sqrt(seen.fits) - 2 * jnp.sqrt(seen.through))
 
     places, scores = jax.vmap(improve)(guesses)
-    best = jnp.argmax(jnp.where(jnp.isfinite(scores), scores, -jnp.inf))
-    return jax.tree.map(lambda a: a[best], places)
+    scores = jnp.where(jnp.isfinite(scores), scores, -jnp.inf)
+    best = jnp.argmax(scores)
+    return jax.tree.map(lambda a: a[best], places), scores[best] > scores[0] + settings.better
 
 
 def _move(model: ObjectModel, place: _Place, change: jax.Array) -> _Place:
