@@ -19,8 +19,8 @@ class ObjectTrackerSettings:
     Losing: a link is seen where its points are `enough` of what is looked for on it, at least, and `contradicted` of
     them at most, by rays that go through it by more than `through`, m.
 
-    Finding: `guesses` a frame, of which the first is where it was last seen; the others are `spread`, m and rad,
-    round it, their joints anywhere in their ranges; `search_points`, pixels looked at; `search_gates`, as above;
+    Finding: `guesses` a frame: where it was last seen, the best guess of the frame before, and others that are
+    `spread`, m and rad, round these two, their joints anywhere in their ranges; `search_points`, pixels looked at; `search_gates`, as above;
     `confirm`, images in a row in which it must be seen, before guesses are no longer compared with it; `better`, by how
     much one must be to be preferred, in roots of points.
 
@@ -37,12 +37,12 @@ class ObjectTrackerSettings:
     drift: Positive[tuple[float, float]] = (0.01, 0.02)
     jerkiness: Positive[float] = 3.0
     enough: Positive[float] = 0.05
-    contradicted: Positive[float] = 0.3
+    contradicted: Positive[float] = 0.1
     through: Positive[float] = 0.02
-    guesses: Positive[int] = 3
+    guesses: Positive[int] = 4
     spread: Positive[tuple[float, float]] = (0.05, 0.25)
-    search_points: Positive[int] = 1000
-    search_gates: NonNegative[tuple[float, ...]] = (0.15, 0.1, 0.07, 0.05, 0.03, 0.02)
+    search_points: Positive[int] = 800
+    search_gates: NonNegative[tuple[float, ...]] = (0.12, 0.08, 0.05, 0.03)
     confirm: Positive[int] = 6
     better: NonNegative[float] = 1.0
     seed: int = 0

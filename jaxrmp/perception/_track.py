@@ -19,6 +19,14 @@ from ._rays import Rays, pixels_of_object, pixels_of_picture, rays_at
 from ._settings import ObjectTrackerSettings
 
 
+class Place(NamedTuple):
+    """Where an object's base is, `R` [3, 3] and `t` [3], m, and its joints, `q` [n]."""
+
+    R: jax.Array
+    t: jax.Array
+    q: jax.Array
+
+
 class Estimate(NamedTuple):
     """Where an object is, and how sure that is.
 
@@ -26,7 +34,7 @@ class Estimate(NamedTuple):
     [6 + 2n, 6 + 2n], of a displacement of the base, m, a turn about `ObjectModel.middle`, rad, both in its frame, of
     q and of qd; `lost`, whether the last image did not show it; `seen`, in how many images in a row it was, `frame`,
     how many there were; `fits` [L], the share of
-    what was looked for on each link that was there; `through` [L], the share that was seen through; `rms`, m.
+    what was looked for on each link that was there; `through` [L], the share that was seen through; `rms`, m; `guess`, where it might be, while it is looked for.
     While it is lost, the pose stays where it was seen last.
     """
 
@@ -40,12 +48,7 @@ class Estimate(NamedTuple):
     fits: jax.Array
     through: jax.Array
     rms: jax.Array
-
-
-class _Place(NamedTuple):
-    R: jax.Array
-    t: jax.Array
-    q: jax.Array
+    guess: Place
 
 
 def start_estimate(model: ObjectModel, settings: ObjectTrackerSettings, T_world_object: Any, q: Any) -> Estimate:
@@ -64,9 +67,8 @@ def start_estimate(model: ObjectModel, settings: ObjectTrackerSettings, T_world_
     shares = jnp.zeros(links, dtype)
     zero, none = jnp.zeros((), dtype), jnp.zeros((), jnp.int32)
     q = jnp.asarray(q, dtype)
-    return Estimate(
-        T, q, jnp.zeros(n, dtype), P, jnp.array(True), none, none, shares, shares, zero
-    )
+    guess = Place(T[:3, :3], T[:3, 3], q)
+    return Estimate(T, q, jnp.zeros(n, dtype), P, jnp.array(True), none, none, shares, shares, zero, guess)
 
 
 def track(
@@ -92,26 +94,27 @@ def track(
         raise ShapeError(f"depth has shape {depth.shape}, expected ({camera.height}, {camera.width}).")
     dtype, n = estimate.q.dtype, model.num_joints
     depth = depth.astype(dtype)
-    last = _Place(estimate.T_world_object[:3, :3], estimate.T_world_object[:3, 3], estimate.q)
+    last = Place(estimate.T_world_object[:3, :3], estimate.T_world_object[:3, 3], estimate.q)
     dt = 1 / settings.rate
 
     def look(uv: jax.Array, wanted: jax.Array) -> Rays:
         return rays_at(depth, camera, uv, wanted, centers, radii, settings.robot_margin)
 
-    def weigh(rays: Rays, place: _Place, gate: jax.Array) -> Evidence:
+    def weigh(rays: Rays, place: Place, gate: jax.Array) -> Evidence:
         return evidence(model, settings, camera, rays, *place, gate, noise)
 
     F = jnp.eye(6 + 2 * n, dtype=dtype).at[6 : 6 + n, 6 + n :].set(dt * jnp.eye(n, dtype=dtype))
     P = matmul(matmul(F, estimate.covariance), F.T) + _process(settings, n, dtype)
     followed = last._replace(q=_within(model, last.q + dt * estimate.qd)), estimate.qd, P
 
-    def found(_: None) -> tuple[_Place, jax.Array, jax.Array]:
-        place, better = _search(model, settings, followed[0], look, weigh, camera, estimate.frame)
+    def found(_: None) -> tuple[Place, jax.Array, jax.Array, Place]:
+        place, better = _search(model, settings, followed[0], estimate.guess, look, weigh, camera, estimate.frame)
         wide = jnp.asarray([0.02] * 3 + [0.1] * 3 + [0.2] * n + [1.0] * n, dtype)
         elsewhere = place, jnp.zeros(n, dtype), jnp.diag(wide * wide)
-        return jax.tree.map(lambda a, b: jnp.where(estimate.lost | better, a, b), elsewhere, followed)
+        return *jax.tree.map(lambda a, b: jnp.where(estimate.lost | better, a, b), elsewhere, followed), place
 
-    place, qd, P = jax.lax.cond(estimate.seen < settings.confirm, found, lambda _: followed, None)
+    looks = estimate.seen < settings.confirm
+    place, qd, P, guess = jax.lax.cond(looks, found, lambda _: (*followed, estimate.guess), None)
     rays = look(*pixels_of_object(model, camera, *place, estimate.frame))
     prior = _inverse(P)
     m = 6 + n
@@ -146,14 +149,16 @@ def track(
         fits,
         through,
         seen.rms,
+        guess,
     )
 
 
 def _search(
-    model, settings, last: _Place, look, weigh, camera: Camera, frame: jax.Array
-) -> tuple[_Place, jax.Array]:
+    model, settings, last: Place, guess: Place, look, weigh, camera: Camera, frame: jax.Array
+) -> tuple[Place, jax.Array]:
     """The best of some guesses, each improved, and whether it is clearly better than the first, which is `last`.
 
+    The first is where it was `last`, the second the best one of the image before, the others round these two in turn.
     They look at the same pixels: a third of them from all the picture, the others round where the object was last.
     """
     dtype, n, R = last.t.dtype, model.num_joints, settings.guesses
@@ -167,12 +172,14 @@ def _search(
     change = spread * jax.random.normal(for_base, (R, 6), dtype)
     low, high = (jnp.clip(jnp.asarray(b, dtype), -np.pi, np.pi) for b in (model.robot.lower, model.robot.upper))
     drawn = low + (high - low) * jax.random.uniform(for_joints, (R, n), dtype)
-    first = (jnp.arange(R) == 0)[:, None]
-    change = jnp.where(first, 0, jnp.concatenate([change, drawn - last.q], axis=1))
-    guesses = jax.vmap(lambda c: _move(model, last, c))(change)
+    known = (jnp.arange(R) < 2)[:, None]
+    change = jnp.where(known, 0, jnp.concatenate([change, drawn - last.q], axis=1))
+    from_guess = jnp.arange(R) % 2 == 1
+    start = jax.tree.map(lambda a, b: jnp.where(from_guess.reshape(-1, *[1] * a.ndim), a, b), guess, last)
+    guesses = jax.vmap(lambda p, c: _move(model, p, c))(start, change)
     damping = jnp.diag(jnp.concatenate([1 / spread**2, jnp.full(n, 4.0, dtype)]))
 
-    def improve(place: _Place) -> tuple[_Place, jax.Array]:
+    def improve(place: Place) -> tuple[Place, jax.Array]:
         def step(place, gate):
             seen = weigh(rays, place, gate)
             change = -_solve(settings.trust * seen.information + damping, settings.trust * seen.gradient)
@@ -188,12 +195,12 @@ def _search(
     return jax.tree.map(lambda a: a[best], places), scores[best] > scores[0] + settings.better
 
 
-def _move(model: ObjectModel, place: _Place, change: jax.Array) -> _Place:
+def _move(model: ObjectModel, place: Place, change: jax.Array) -> Place:
     """Displaced by the first three of `change` [6 + n], turned by the next about the middle, joints by the others."""
     middle = jnp.asarray(model.middle, change.dtype)
     turn = rotation_of_vector(change[3:6])
     t = place.t + matmul(place.R, change[:3] + middle - matmul(turn, middle))
-    return _Place(matmul(place.R, turn), t, _within(model, place.q + change[6:]))
+    return Place(matmul(place.R, turn), t, _within(model, place.q + change[6:]))
 
 
 def _within(model: ObjectModel, q: jax.Array) -> jax.Array:
