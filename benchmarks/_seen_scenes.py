@@ -42,9 +42,10 @@ class Seen(NamedTuple):
 def watched(name: str, distance: float) -> Watched:
     """The `name`d scene with a camera overhead, at `distance`, m, from its handle, 50 degrees above it."""
     scene: Any = scenes.scene(name)
-    handle, azimuth, low, high = {"door": ("door_handle", -120.0, 0.1, 1.1), "drawer": ("drawer_handle", -55.0, 0.0, 0.2)}[
-        name
-    ]
+    handle, azimuth, low, high = {
+        "door": ("door_handle", -120.0, 0.1, 1.1),
+        "drawer": ("drawer_handle", -55.0, 0.0, 0.2),
+    }[name]
     data = _forward(scene, scene.fresh())
     target, turn, up = data.geom(handle).xpos.copy(), np.radians(azimuth), np.radians(50.0)
     way = np.array([np.cos(up) * np.cos(turn), np.cos(up) * np.sin(turn), -np.sin(up)])

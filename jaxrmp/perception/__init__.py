@@ -1,5 +1,4 @@
-"""Articulated objects in depth images: a camera, its noise, models of objects, and a tracker of their pose and joints.
-"""
+"""Articulated objects in depth images: a camera, its noise, models of objects, and a tracker of where they are."""
 
 from ._camera import Camera as Camera
 from ._evidence import Evidence as Evidence

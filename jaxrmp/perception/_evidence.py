@@ -57,12 +57,12 @@ def evidence(
     sigma_z = axial_sigma(noise, rays.depth).astype(dtype)
     across = _dot(found.gradient, way) * inverse * sigma_z
     variance = across * across + settings.model_error**2
-    weight, square = _weights(found.distance, variance, gate, 1.0)
+    weight = _weights(found.distance, variance, gate, 1.0)
     weight = jnp.where(rays.known, weight, 0)
     before = 1 - (settings.clearance + 4 * sigma_z) * inverse
     outline = seen_through(parts, p, camera_at, before)
     pixel = 0.3 * rays.depth / jnp.asarray(camera.focal, dtype)[0]
-    through_weight, _ = _weights(outline.distance, pixel * pixel + settings.outline_error**2, gate, 2.0)
+    through_weight = _weights(outline.distance, pixel * pixel + settings.outline_error**2, gate, 2.0)
     crossed = rays.known & (outline.distance < 0)
     through_weight = jnp.where(crossed, through_weight, 0)
     A = _columns(model, parts, found), _columns(model, parts, outline)
@@ -85,13 +85,13 @@ def _columns(model: ObjectModel, parts, found: Found) -> list[jax.Array]:
     return [*jacobian(model, parts, found), found.distance]
 
 
-def _weights(d: jax.Array, variance: jax.Array, gate: jax.Array, wider: float) -> tuple[jax.Array, jax.Array]:
-    """Weights of Geman and McClure over the variance, and the residuals' squares in standard deviations."""
+def _weights(d: jax.Array, variance: jax.Array, gate: jax.Array, wider: float) -> jax.Array:
+    """Weights of Geman and McClure over the variance; none beyond four scales."""
     square = d * d
     scale = 9 * variance + (wider * gate) ** 2
     share = scale / (scale + square)
     near = square < 16 * scale
-    return jnp.where(near, share * share / variance, 0), square / variance
+    return jnp.where(near, share * share / variance, 0)
 
 
 def _of_links(model: ObjectModel, found: Found, which: jax.Array, dtype) -> jax.Array:

@@ -117,9 +117,7 @@ def _robot(m: Any, names: list[str], below: list[int]) -> Robot:
             joints.append(Joint(name, len(bodies) - 1, kind, axis, anchor, reference, place, 1.0, 0.0))
             limits.append(m.jnt_range[i].tolist() if m.jnt_limited[i] else [-np.inf, np.inf])
     frames = [Frame(body.name, k, (0.0, 0.0, 0.0), _IDENTITY) for k, body in enumerate(bodies)]
-    model = KinematicModel(
-        names[below[0]], tuple(j.name for j in joints), tuple(bodies), tuple(joints), tuple(frames)
-    )
+    model = KinematicModel(names[below[0]], tuple(j.name for j in joints), tuple(bodies), tuple(joints), tuple(frames))
     lower, upper = np.reshape(limits, (-1, 2)).T
     return Robot(lower, upper, np.full(len(joints), np.inf), model)
 

@@ -54,7 +54,7 @@ def pixels_of_object(
 
 def pixels_of_picture(camera: Camera, count: int, key: jax.Array) -> tuple[jax.Array, jax.Array]:
     """About `count` pixels [N, 2], one in each cell of a grid over the picture, anywhere in it."""
-    columns = max(int(round(np.sqrt(count * camera.width / camera.height))), 1)
+    columns = max(round(float(np.sqrt(count * camera.width / camera.height))), 1)
     rows = max(count // columns, 1)
     cells = np.stack(np.meshgrid(np.arange(columns), np.arange(rows), indexing="xy"), axis=-1).reshape(-1, 2)
     size = np.array([camera.width / columns, camera.height / rows])

@@ -7,6 +7,8 @@ from .._ranges import NonNegative, Positive, settings
 class ObjectTrackerSettings:
     """What the tracker believes of the camera, the object's motion, and when it has lost it.
 
+    `rate`, images a second.
+
     Measuring: `model_error`, m, how exact the object's shapes are; `gates`, m, one for each step of Gauss-Newton, by
     which residuals count beyond three standard deviations; `clearance`, m, by which a ray must enter a part before the
     point that it ends at to have seen through it; `outline_error`, m, of outlines; `robot_margin`, m, by which the
@@ -16,13 +18,13 @@ class ObjectTrackerSettings:
     Motion, from frame to frame, each for a second: `drift`, m and rad, of the base, whose pose is nearly constant;
     `jerkiness`, of the joints' speeds, rad/s or m/s.
 
-    Losing: a link is seen where its points are `enough` of what is looked for on it, at least, and `contradicted` of
-    them at most, by rays that go through it by more than `through`, m.
+    Losing: a link is seen where its points are `enough` of what is looked for on it, at least, and the rays that go
+    through it by more than `through`, m, are `contradicted` of both together, at most.
 
     Finding: `guesses` a frame: where it was last seen, the best guess of the frame before, and others that are
-    `spread`, m and rad, round these two, their joints anywhere in their ranges; `search_points`, pixels looked at; `search_gates`, as above;
-    `confirm`, images in a row in which it must be seen, before guesses are no longer compared with it; `better`, by how
-    much one must be to be preferred, in roots of points.
+    `spread`, m and rad, round these two, their joints anywhere in their ranges; `search_points`, pixels looked at;
+    `search_gates`, as above; `confirm`, images in a row in which it must be seen, before guesses are no longer compared
+    with it; `better`, by how much one must be to be preferred, in roots of points; `seed`, of all chance.
 
     **Raises** `ConfigurationError` for a value that makes no sense.
     """

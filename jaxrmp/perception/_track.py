@@ -32,9 +32,10 @@ class Estimate(NamedTuple):
 
     `T_world_object` [4, 4], its base; `q`, `qd` [n], its joints, rad or m, and their speeds; `covariance`
     [6 + 2n, 6 + 2n], of a displacement of the base, m, a turn about `ObjectModel.middle`, rad, both in its frame, of
-    q and of qd; `lost`, whether the last image did not show it; `seen`, in how many images in a row it was, `frame`,
-    how many there were; `fits` [L], the share of
-    what was looked for on each link that was there; `through` [L], the share that was seen through; `rms`, m; `guess`, where it might be, while it is looked for.
+    q and of qd; `lost`, whether the last image did not show it; `seen`, in how many images in a row it was; `frame`,
+    how many there were; `fits`, `through` [L], the points that belong to each link, and the rays that go through it,
+    over how many pixels were looked at for it; `rms`, m, of the distances that fit; `guess`, where it might be, while it is
+    looked for.
     While it is lost, the pose stays where it was seen last.
     """
 
@@ -77,8 +78,8 @@ def track(
     estimate: Estimate,
     depth: jax.Array,
     camera: Camera,
-    centers: Any = np.zeros((0, 3)),
-    radii: Any = np.zeros(0),
+    centers: Any = (),
+    radii: Any = (),
     noise: DepthNoise = KINECT,
 ) -> Estimate:
     """The estimate after one more image.
@@ -96,9 +97,10 @@ def track(
     depth = depth.astype(dtype)
     last = Place(estimate.T_world_object[:3, :3], estimate.T_world_object[:3, 3], estimate.q)
     dt = 1 / settings.rate
+    robot = jnp.reshape(jnp.asarray(centers, dtype), (-1, 3)), jnp.asarray(radii, dtype)
 
     def look(uv: jax.Array, wanted: jax.Array) -> Rays:
-        return rays_at(depth, camera, uv, wanted, centers, radii, settings.robot_margin)
+        return rays_at(depth, camera, uv, wanted, *robot, settings.robot_margin)
 
     def weigh(rays: Rays, place: Place, gate: jax.Array) -> Evidence:
         return evidence(model, settings, camera, rays, *place, gate, noise)

@@ -6,6 +6,7 @@ from jaxrmp.perception import Camera, object_model
 
 MODEL = """
 <mujoco>
+  <compiler angle="radian"/>
   <visual><global offwidth="640" offheight="480"/></visual>
   <worldbody>
     <geom name="floor" type="plane" size="3 3 0.1"/>
@@ -22,7 +23,7 @@ MODEL = """
       <body name="drawer" pos="-0.2 -0.02 0">
         <joint name="slide" type="slide" axis="0 -1 0" range="0 0.2"/>
         <geom name="front" type="box" size="0.08 0.01 0.1"/>
-        <geom name="pull" type="cylinder" size="0.02 0.015" pos="0 -0.025 0.05" euler="90 0 0"/>
+        <geom name="pull" type="cylinder" size="0.02 0.015" pos="0 -0.025 0.05" euler="1.5707963 0 0"/>
       </body>
     </body>
   </worldbody>

@@ -3,10 +3,11 @@
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from .conftest import camera, model_and_data
 
 from jaxrmp import ConfigurationError, RigidTransformError, ShapeError
 from jaxrmp.perception import KINECT, Camera, DepthNoise, axial_sigma, depth_renderer, measured_depth
+
+from .conftest import camera, model_and_data
 
 
 def test_pixels_and_points_are_inverse_of_each_other():

