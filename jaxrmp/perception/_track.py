@@ -33,9 +33,9 @@ class Estimate(NamedTuple):
     `T_world_object` [4, 4], its base; `q`, `qd` [n], its joints, rad or m, and their speeds; `covariance`
     [6 + 2n, 6 + 2n], of a displacement of the base, m, a turn about `ObjectModel.middle`, rad, both in its frame, of
     q and of qd; `lost`, whether the last image did not show it; `seen`, in how many images in a row it was; `frame`,
-    how many there were; `fits`, `through` [L], the points that belong to each link, and the rays that go through it,
-    over how many pixels were looked at for it; `rms`, m, of the distances that fit; `guess`, where it might be, while it is
-    looked for.
+    how many there were; `fits`, `through` [L], the points that belong to each link, and the rays that go through
+    it, over how many pixels were looked at for it; `rms`, m, of the distances that fit; `guess`, where it might be,
+    while it is looked for.
     While it is lost, the pose stays where it was seen last.
     """
 

@@ -55,5 +55,5 @@ def camera(width=320, height=240):
     return Camera.looking([-0.3, -1.1, 1.1], [0.1, 0.0, 0.4], width, height)
 
 
-def thing(m, points=2000):
+def thing(m, points=1200):
     return object_model(m, "object", points, sets=4)

@@ -137,7 +137,7 @@ def test_jacobians_are_those_of_finite_differences(what):
 def test_points_to_look_for_are_on_and_round_the_surfaces():
     m, _ = model_and_data()
     model = thing(m)
-    assert [look.shape for look in model.look] == [(4, 1000, 3), (4, 500, 3), (4, 500, 3)]
+    assert [look.shape for look in model.look] == [(4, 600, 3), (4, 300, 3), (4, 300, 3)]
     for world, look in zip(model.shapes, model.look, strict=True):
         d = np.asarray(jnp.abs(world.signed_distance(jnp.asarray(look[0]))).min(1))
         assert d.max() < 0.03 * np.sqrt(3) + 1e-6 and d.max() > 0.02
