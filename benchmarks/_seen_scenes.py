@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jaxrmp import scenes
+from jaxrmp.kinematics._mujoco import import_mujoco
 from jaxrmp.perception import KINECT, Camera, DepthNoise, depth_renderer, measured_depth
 from jaxrmp.world import panda_spheres
 
@@ -112,8 +113,7 @@ def sequence(
 
 
 def _forward(scene: Any, data: Any) -> Any:
-    import mujoco
-
+    mujoco: Any = import_mujoco()
     mujoco.mj_kinematics(scene.model, data)
     mujoco.mj_camlight(scene.model, data)
     return data
@@ -121,8 +121,7 @@ def _forward(scene: Any, data: Any) -> Any:
 
 def _touches(at: Watched, path: np.ndarray) -> bool:
     """Whether the arm touches anything on a path [T, n], wherever the joint is."""
-    import mujoco
-
+    mujoco: Any = import_mujoco()
     data, scene = at.scene.fresh(), at.scene
     for q in path:
         for joint in np.linspace(at.low, at.high, 6):

@@ -50,13 +50,15 @@ class Camera:
 
     @classmethod
     def of(cls, width: int, height: int, fovy: float, T_world_camera: Any = None) -> "Camera":
-        """A camera with square pixels that sees `fovy` degrees from top to bottom."""
+        """A camera of `width` x `height` square pixels at `T_world_camera` that sees `fovy` degrees from top to bottom."""
         focal = 0.5 * height / np.tan(np.radians(fovy) / 2)
         return cls(np.array([focal, focal]), np.array([width - 1, height - 1]) / 2, T_world_camera, width, height)
 
     @classmethod
     def looking(cls, eye: Any, target: Any, width: int = 640, height: int = 480, fovy: float = 45.0) -> "Camera":
         """A camera at `eye` that looks at `target` [3], m, the world's z upwards in its picture.
+
+        `width`, `height`, pixels; `fovy`, degrees from top to bottom.
 
         **Raises** `ConfigurationError` where it would look straight up or down.
         """
@@ -70,7 +72,10 @@ class Camera:
         return cls.of(width, height, fovy, T)
 
     def pixel(self, p_camera: jax.Array) -> tuple[jax.Array, jax.Array]:
-        """The pixel [..., 2] at which points [..., 3] of the camera's frame are seen, and whether one sees them."""
+        """The pixel [..., 2] at which points [..., 3] of the camera's frame are seen, and whether one sees them.
+
+        `p_camera`, m; what is behind the camera, or beside its picture, is not seen.
+        """
         z = p_camera[..., 2]
         ahead = z > 1e-6
         inverse = 1 / jnp.where(ahead, z, 1)

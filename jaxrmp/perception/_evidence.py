@@ -45,6 +45,8 @@ def evidence(
     Two residuals a ray: the distance of its point to the nearest part, over what the depth's noise makes of it; and
     where it goes through a part, how far it is from that part's outline. Both by Geman and McClure, of a scale of three
     standard deviations and the `gate`, m: what is far from all parts has no say.
+
+    **Arguments**: `model`, the object; `settings`; `camera`, which took the image; `noise`, its.
     """
     dtype = t.dtype
     p = _to_base(R, t, rays.points)

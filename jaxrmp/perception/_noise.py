@@ -12,7 +12,7 @@ from .._ranges import NonNegative, Positive, settings
 class DepthNoise:
     """The noise of a structured-light depth camera, by default of a Kinect.
 
-    At a depth z, m, the standard deviation along the camera's axis is `least + grows (z - nearest_sigma)^2` (Nguyen,
+    At a depth z, m, the standard deviation along the camera's axis is `least` + `grows` (z - `nearest_sigma`)^2 (Nguyen,
     Izadi and Lovell 2012, the axial noise of surfaces that are not seen at grazing angles); then 1 / z is rounded to a
     multiple of `quantum`, 1/m, for such a camera measures disparities (an eighth of a pixel: 2.9 mm at 1 m, 11 mm at
     2 m). In every frame a share of pixels, drawn between the two of `missing`, holds nothing, and all nearer than
@@ -40,7 +40,7 @@ PERFECT_DEPTH = DepthNoise(least=0.0, grows=0.0, quantum=0.0, missing=(0.0, 0.0)
 
 
 def axial_sigma(noise: DepthNoise, z: Any) -> Any:
-    """The standard deviation, m, of a measured depth about the true one, `z`, m, rounding included."""
+    """The standard deviation, m, of a measured depth about the true one, `z`, m, by its `noise`, rounding included."""
     rounding = noise.quantum * z * z / 12**0.5
     return ((noise.least + noise.grows * (z - noise.nearest_sigma) ** 2) ** 2 + rounding**2) ** 0.5
 
@@ -48,7 +48,7 @@ def axial_sigma(noise: DepthNoise, z: Any) -> Any:
 def measured_depth(noise: DepthNoise, depth: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """What a camera measures of the true `depth` [height, width], m; 0 where it measures nothing.
 
-    Single precision; all chance from `rng`.
+    By its `noise`, in single precision; all chance from `rng`.
     """
     z = np.asarray(depth, np.float32)
     sigma = noise.least + noise.grows * (z - noise.nearest_sigma) ** 2

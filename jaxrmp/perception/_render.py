@@ -15,6 +15,7 @@ from ._camera import Camera
 def depth_renderer(model: Any, width: int, height: int) -> Iterator[Callable[[Any, Camera], np.ndarray]]:
     """Within it, a function of a `mujoco.MjData` and a `Camera` of that size: the depth [height, width] that it sees.
 
+    **Arguments**: `model`, a `mujoco.MjModel`; `width`, `height`, pixels.
     In m along the camera's axis, single precision; where nothing is, whatever is farthest. MuJoCo must have been told
     how to draw before it is imported (`MUJOCO_GL`), and only one renderer may be open at a time.
     **Raises** `ConfigurationError` where MuJoCo cannot draw, or a camera is of another size.

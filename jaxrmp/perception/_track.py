@@ -55,7 +55,7 @@ class Estimate(NamedTuple):
 def start_estimate(model: ObjectModel, settings: ObjectTrackerSettings, T_world_object: Any, q: Any) -> Estimate:
     """An estimate before the first image, from a rough guess: within some 5 cm and 15 degrees.
 
-    **Arguments**: `T_world_object` [4, 4], m; `q` [n], rad or m. **Raises** `ShapeError`, `RigidTransformError`.
+    **Arguments**: `model`, the object; `settings`, the tracker's; `T_world_object` [4, 4], m; `q` [n], rad or m. **Raises** `ShapeError`, `RigidTransformError`.
     """
     n, links = model.num_joints, len(model.links)
     if np.shape(q) != (n,):
@@ -86,7 +86,8 @@ def track(
 
     Pure, of fixed size; to be compiled with `settings` and `noise` closed over, and mapped over any other argument.
 
-    **Arguments**: `depth` [height, width], m, not positive or not finite where nothing was measured; `camera`, where it
+    **Arguments**: `model`, the object; `estimate`, that of the image before, of `start_estimate` at first; `depth`
+    [height, width], m, not positive or not finite where nothing was measured; `camera`, where it
     was; `centers` [K, 3], `radii` [K], spheres that hold the robot as it was then, in the world, m: what they hold is
     not looked at (`robot_spheres`).
     **Raises** `ShapeError` for an image of another size than the camera's.
@@ -117,7 +118,7 @@ def track(
 
     looks = estimate.seen < settings.confirm
     place, qd, P, guess = jax.lax.cond(looks, found, lambda _: (*followed, estimate.guess), None)
-    rays = look(*pixels_of_object(model, camera, *place, estimate.frame))
+    rays = look(*pixels_of_object(model, camera, place.R, place.t, place.q, estimate.frame))
     prior = _inverse(P)
     m = 6 + n
     moved = jnp.zeros(m + n, dtype)
