@@ -50,7 +50,7 @@ class Camera:
 
     @classmethod
     def of(cls, width: int, height: int, fovy: float, T_world_camera: Any = None) -> "Camera":
-        """A camera of `width` x `height` square pixels at `T_world_camera` that sees `fovy` degrees from top to bottom."""
+        """A camera of `width` x `height` square pixels at `T_world_camera`: `fovy` degrees from top to bottom."""
         focal = 0.5 * height / np.tan(np.radians(fovy) / 2)
         return cls(np.array([focal, focal]), np.array([width - 1, height - 1]) / 2, T_world_camera, width, height)
 

@@ -55,7 +55,8 @@ class Estimate(NamedTuple):
 def start_estimate(model: ObjectModel, settings: ObjectTrackerSettings, T_world_object: Any, q: Any) -> Estimate:
     """An estimate before the first image, from a rough guess: within some 5 cm and 15 degrees.
 
-    **Arguments**: `model`, the object; `settings`, the tracker's; `T_world_object` [4, 4], m; `q` [n], rad or m. **Raises** `ShapeError`, `RigidTransformError`.
+    **Arguments**: `model`, the object; `settings`, the tracker's; `T_world_object` [4, 4], m; `q` [n], rad or m.
+    **Raises** `ShapeError`, `RigidTransformError`.
     """
     n, links = model.num_joints, len(model.links)
     if np.shape(q) != (n,):
