@@ -131,10 +131,17 @@ def _touches(at: Watched, path: np.ndarray) -> bool:
             a, b = data.contact.geom[data.contact.dist < 0].T
             if (scene.of_arm[a] | scene.of_arm[b]).any() and scene.contacts(data):
                 return True
-            bodies = {scene.model.body(int(scene.model.geom_bodyid[g])).name for g in (*a, *b)}
-            if "drawer" in bodies:
+            of_object = np.isin(scene.model.geom_bodyid, _below(scene.model, at.body))
+            if (scene.of_arm[a] & of_object[b] | scene.of_arm[b] & of_object[a]).any():
                 return True
     return False
+
+
+def _below(model: Any, body: str) -> list[int]:
+    found = [model.body(body).id]
+    for b in range(found[0] + 1, model.nbody):
+        found += [b] if int(model.body_parentid[b]) in found else []
+    return found
 
 
 def _hidden(at: Watched, q: np.ndarray) -> float:
