@@ -15,8 +15,8 @@ class DepthNoise:
     At a depth z, m, the standard deviation along the camera's axis is `least` + `grows` (z - `nearest_sigma`)^2
     (Nguyen, Izadi and Lovell 2012, the axial noise of surfaces that are not seen at grazing angles); then 1 / z is
     rounded to a multiple of `quantum`, 1/m, for such a camera measures disparities (an eighth of a pixel, 2.9 mm at 1 m
-    and 11 mm at 2 m). In every frame a share of pixels, drawn between the two of `missing`, holds nothing, and all nearer
-    than `nearest` or beyond `farthest`, m.
+    and 11 mm at 2 m). In every frame a share of pixels, drawn between the two of `missing`, holds nothing, and all
+    nearer than `nearest` or beyond `farthest`, m.
 
     **Raises** `ConfigurationError` for a value that makes no sense.
     """
