@@ -25,6 +25,7 @@ LONG = (
     "physics",
     "evaluation",
     "tracker",
+    "perception",
     "viewer",
 )  # what policies achieve, rather than how fast
 

@@ -80,6 +80,7 @@ _ON_FIRST_USE = (
     "hardware",
     "io",
     "learning",
+    "perception",
     "policies",
     "scenes",
     "simulation",

@@ -83,7 +83,19 @@ def posture_of(named: str, robot: Robot, shown: list[np.ndarray] | None) -> np.n
         ) from error
     if q.shape != (robot.num_joints,) or not np.isfinite(q).all():
         raise ConfigurationError(f"--start has {len(q)} positions, and {robot.name} has {robot.num_joints} joints.")
+    outside = (q < np.asarray(robot.lower)) | (q > np.asarray(robot.upper))
+    if outside.any():
+        names = [name for name, out in zip(robot.joint_names, outside, strict=True) if out]
+        raise ConfigurationError(f"--start: {', '.join(names)} would be outside of the ranges of {robot.name!r}.")
     return q
+
+
+def check_joints(arm: Any, robot: Robot) -> None:
+    """**Raises** `ConfigurationError` for an arm of another number of joints than the policy's `robot`."""
+    if arm.joints != robot.num_joints:
+        raise ConfigurationError(
+            f"the skill is of {robot.name!r}, which has {robot.num_joints} joints, and {arm.name} has {arm.joints}."
+        )
 
 
 def check_model(arm: Any, robot: Robot, state: hardware.ArmState) -> str | None:
@@ -113,10 +125,11 @@ def check_model(arm: Any, robot: Robot, state: hardware.ArmState) -> str | None:
 
 
 def narrower(arm: Any, robot: Robot) -> list[str]:
-    """Joints whose range the arm has narrower than the policy's robot, in words."""
+    """Joints that the arm turns less far than the policy's robot, how far both do, in words."""
     lower, upper = np.asarray(robot.lower, float), np.asarray(robot.upper, float)
-    less = (np.asarray(arm.limits.lower) > lower + 0.01) | (np.asarray(arm.limits.upper) < upper - 0.01)
-    ranges = zip(robot.joint_names, arm.limits.lower, arm.limits.upper, lower, upper, less, strict=True)
+    low, high = np.asarray(arm.limits.lower), np.asarray(arm.limits.upper)
+    less = (low > lower + 0.01) | (high < upper - 0.01)
+    ranges = zip(robot.joint_names, low, np.minimum(high, upper), lower, upper, less, strict=True)
     return [f"{name} {a:.2f} to {b:.2f} ({c:.2f} to {d:.2f})" for name, a, b, c, d, narrow in ranges if narrow]
 
 

@@ -28,13 +28,17 @@ from ._output import progress_bar, tell, write_json
 from ._sources import demonstrations_of, scene_of
 
 _GO_SPEED = 0.5  # of `to_posture`, times --speed
+_FAR, _FAR_TURNED = 0.3, float(np.radians(45.0))  # m and rad from where the object was shown, beyond which that is told
 _PRIORITY = 50  # of real-time scheduling
+_LATE = 0.2  # s, of a simulated arm, beside which other programs run
 _DRY_PERIOD = 0.1  # s between the lines of --dry-run
 _DRY_LINES = 50
 
 
 def run(arguments: argparse.Namespace, rest: list[str]) -> None:
     given = {name: getattr(arguments, name) for name in ("speed", "duration", "near", "keep", "late")}
+    if given["late"] is None:
+        given["late"] = _LATE if arguments.robot == "mujoco" else hardware.DriveSettings().late
     settings = hardware.DriveSettings(**given)
     skill = learning.load_skill(arguments.skill)
     if arguments.scene and arguments.robot != "mujoco":
@@ -45,7 +49,7 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
         scene = scene_of(arguments.scene, skill) if arguments.scene else arm_alone(skill.configuration.robot)
         robot = scene.robot
         skill.check_robot(robot)
-    shown = _shown(skill, robot, arguments.demos)
+    shown, shown_poses = _shown(skill, robot, arguments.demos)
     start = posture_of(arguments.start, robot, shown)
     object_name = skill.configuration.object if skill.configuration.object else ""
     tracks = scene is not None and bool(scene.object)
@@ -62,11 +66,14 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
     with running_until_interrupted() as running, progress_bar(arguments.quiet) as progress:
         progress("connecting", 0.0)
         with arm_of(arguments, scene, posture_of(arguments.at, robot, shown) if arguments.at else start) as arm:
+            check_joints(arm, robot)
             state = arm.read()
             if why := check_model(arm, robot, state):
                 tell(f"whether the arm's kinematics are the skill's could not be checked wholly: {why}.")
             if less := narrower(arm, robot):
-                tell(f"the arm's joints turn less far than the skill's robot: {'; '.join(less)}. It stops there.")
+                tell(
+                    f"the arm's joints turn less far than the skill's robot: {'; '.join(less)}. At those ends it stops."
+                )
             progress("compiling", 0.2)
             policy = whole_arm_policy(skill, robot)
             law = hardware.law(policy, arm, arguments.obstacles)
@@ -77,12 +84,19 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
             progress("waiting", 0.8)
             sightings = _sightings(arguments, skill, arm, scene, running)
             try:
+                if far := _far(skill, sightings.newest().T_world_object, shown_poses):
+                    tell(far)
                 if arguments.dry_run:
+                    if not _there(state.q, start, 2 * settings.near):
+                        tell(
+                            "without --dry-run this is refused: the arm is not at the start. --go takes it there first."
+                        )
                     print(dry_run(law, state, sightings.newest(), settings, arm.period, robot))
                     return
                 if arguments.go and not _there(state.q, start, settings.near):
                     progress("going to the start", 0.85)
                     _go(arm, robot, start, settings, running, priority)
+                hardware.check_start(arm.read().q, start, settings.near, robot.joint_names)
                 progress("driving", 0.9)
                 found = hardware.drive(
                     arm,
@@ -100,14 +114,29 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
     _report(arguments, skill, robot, law, found, sightings, object_name)
 
 
-def _shown(skill: Skill, robot: Robot, named: str | None) -> list[np.ndarray] | None:
-    """The demonstrated joint paths, None where they are not at hand."""
+def _shown(skill: Skill, robot: Robot, named: str | None) -> tuple[list[np.ndarray] | None, list[np.ndarray]]:
+    """The demonstrated joint paths, None where they are not at hand, and where the object was in each."""
     try:
-        return list(learning.prepare(skill.configuration, robot, demonstrations_of(skill, named, robot)).joints.q)
+        prepared = learning.prepare(skill.configuration, robot, demonstrations_of(skill, named, robot))
     except DemonstrationError:
         if named:
             raise
-        return None
+        return None, []
+    return list(prepared.joints.q), [np.asarray(T, float) for T in prepared.poses]
+
+
+def _far(skill: Skill, T: np.ndarray, shown: list[np.ndarray]) -> str:
+    """That the object at `T` is far from where it was shown, in words; empty if it is not."""
+    nearest = min(
+        ((float(np.linalg.norm(T[:3, 3] - S[:3, 3])), float(rotation_angle(S[:3, :3].T @ T[:3, :3]))) for S in shown),
+        default=(0.0, 0.0),
+    )
+    if nearest[0] <= _FAR and nearest[1] <= _FAR_TURNED:
+        return ""
+    return (
+        f"the object is said to be {100 * nearest[0]:.0f} cm and {np.degrees(nearest[1]):.0f} degrees from where it was "
+        f"in any demonstration of {skill.configuration.name!r}. Is its pose in the world of the robot's model?"
+    )
 
 
 def _there(q: np.ndarray, start: np.ndarray, near: float) -> bool:

@@ -55,7 +55,7 @@ _ARM = (
         choices=("enforce", "ignore"),
     ),
     _argument("--recover", "let the arm leave the state that an error left it in, first"),
-    _argument("--tracker udp:PORT", "where poses of the object come to, as datagrams of JSON", type=str),
+    _argument("--tracker udp:[HOST:]PORT", "where poses of the object come to, as datagrams of JSON", type=str),
 )
 _FIX = _argument("--fix PATTERN", "lock joints, such as '*_finger_*' or elbow=0.5; may be given again", action="append")
 # Of each command: what it does, in a few words and in more, an example, and its arguments.
@@ -227,7 +227,7 @@ _COMMANDS: dict[str, tuple[str, str, str, list[tuple[str, dict[str, Any]]]]] = {
             _argument("--interface", "of the arm", "velocity", choices=("velocity", "torque")),
             _argument("--object-still", "the skill's object is not tracked, but stands where it was demonstrated"),
             _argument("--keep S", "how old the tracker's last pose may be, seconds", 0.5),
-            _argument("--late S", "how late a cycle may come, seconds", 0.01),
+            _argument("--late S", "how late a cycle may come, default 0.01 s, for mujoco 0.2", type=float),
             _argument("--obstacles N", "slots for spheres that the tracker tells", 0),
             _argument("--duration S", "seconds until it is stopped", 60.0),
             _argument("--tolerance M", "distance from the goal that counts, m", 0.01),

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from .. import hardware
-from .._errors import ConfigurationError
+from .._errors import ConfigurationError, DemonstrationError
 from ..kinematics import Robot, load_robot, panda
 from ._arms import arm_of, check_model, check_writable, running_until_interrupted, sightings_of, write_log
 from ._output import tell
@@ -51,7 +51,8 @@ def _record_all(
 ) -> None:
     if arguments.seconds is not None:
         until = time.perf_counter() + arguments.seconds
-        _keep(arguments, arm, robot, sightings, lambda: running() and time.perf_counter() < until)
+        if not _keep(arguments, arm, robot, sightings, lambda: running() and time.perf_counter() < until):
+            raise DemonstrationError("nothing was kept: guide the arm by hand while it records.")
         return
     said = "Enter begins a demonstration, Enter again ends it; q and Enter, or Ctrl-C, ends the command."
     print(said, flush=True)
@@ -62,19 +63,20 @@ def _record_all(
             return
 
 
-def _keep(arguments: argparse.Namespace, arm: Any, robot: Robot, sightings: Any, going: Callable[[], bool]) -> None:
-    """Record one, and write it unless nothing moved."""
+def _keep(arguments: argparse.Namespace, arm: Any, robot: Robot, sightings: Any, going: Callable[[], bool]) -> bool:
+    """Record one, and write it unless nothing moved, which is told; whether it was kept."""
     found = hardware.record(arm, going, arguments.rate, sightings)
     count = len(found["time"])
     moved = float(np.ptp(found["joint_positions"], axis=0).max()) if count else 0.0
     if count < 2 or moved < _LEAST:
         tell(f"no joint moved by {_LEAST} rad in that, so it is not kept. Guide the arm by hand while it records.")
-        return
+        return False
     file, bag, why = write_log(found, arguments.out, robot, arguments.object or "")
     if why:
         tell(why)
     rate = (count - 1) / max(found["time"][-1], 1e-9)
     print(f"{file}: {found['time'][-1]:.1f} s, {count} samples at {rate:.0f} Hz{f'; {bag}' if bag else ''}", flush=True)
+    return True
 
 
 def _ready() -> bool:

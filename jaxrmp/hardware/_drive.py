@@ -20,7 +20,8 @@ from ._sightings import Sighting, Sightings
 from ._watch import DriveSettings, Watch
 
 _STIFFNESS, _DAMPING = 400.0, 40.0  # 1/s^2, 1/s: how torques hold the arm at its reference; and, since light links have
-_STIFFER, _DAMPER = 8.0, 0.8  # friction as others have, 1/rad and s/rad times each joint's largest torque
+_DAMPER, _OF_INERTIA = 0.8, 0.2  # friction as others have: s/rad times each joint's largest torque, or this share of
+_STIFFER = 10.0  # what stops its inertia in one period, whichever is less; and a stiffness of so much, 1/s, times that
 _STOPPED = 1e-3  # rad/s, below which a braking arm is told to stand
 _STANDING, _STANDS, _PATIENCE = 0.002, 0.2, 5.0  # rad, s, s: an arm is driven once it moved no more in so long
 _WARM = 300  # calls before the arm moves
@@ -230,8 +231,9 @@ def _torque(arm: Arm, state: ArmState, qd: np.ndarray, qdd: np.ndarray, strength
     """Torques [n] besides gravity's that hold the arm at its reference: `M (qdd + kp e + kd ed) + c + K e + D ed`."""
     M, bias = arm.dynamics()
     wanted = tracking_acceleration(qdd, state.q_d - state.q, qd - state.qd, _STIFFNESS, _DAMPING)
-    held = _STIFFER * (state.q_d - state.q) + _DAMPER * (qd - state.qd)
-    return np.asarray(M @ wanted + bias + strength * held)
+    damper = np.minimum(_DAMPER * strength, _OF_INERTIA * np.diagonal(M) / arm.period)
+    held = damper * (_STIFFER * (state.q_d - state.q) + (qd - state.qd))
+    return np.asarray(M @ wanted + bias + held)
 
 
 class _Obstacles:

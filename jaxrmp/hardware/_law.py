@@ -84,7 +84,9 @@ def law(policy: Any, arm: Arm, obstacles: int = 0, backend: str = "auto") -> Law
     """
     n = arm.joints
     if policy.robot.num_joints != n:
-        raise ConfigurationError(f"the policy is for {policy.robot.num_joints} joints, and {arm.name} has {n}.")
+        raise ConfigurationError(
+            f"the policy is for {policy.robot.name!r} of {policy.robot.num_joints} joints, and {arm.name} has {n}."
+        )
     limits = single(check_limits(arm.limits, n))
     period = np.float32(arm.period)
     policy = policy if jax.tree_util.all_leaves([policy]) else single(policy)

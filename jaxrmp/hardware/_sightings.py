@@ -70,7 +70,7 @@ class UdpSightings:
         self._socket.setblocking(False)
         try:
             self._socket.bind(address)
-        except OSError as error:
+        except (OSError, OverflowError) as error:
             self._socket.close()
             raise ConfigurationError(f"cannot listen at {address[0]}:{address[1]} (UDP): {error}.") from error
         self.port: int = self._socket.getsockname()[1]

@@ -9,6 +9,7 @@ from ._law import Step
 from ._limits import MotionLimits
 from ._sightings import Sighting
 
+_TOO_FAST = 1.5  # times its velocity limit, as measured, that a joint may move at
 LONGEST = 3600.0
 """Seconds that a drive may last: its log takes some 300 bytes a cycle."""
 
@@ -22,7 +23,7 @@ class DriveSettings:
     the posture that is stated. Sliding joints count in m.
     What stops it: a cycle that comes later than `late`, s; a sighting older than `keep`, s; a joint nearer than
     `margin`, rad, to the end of its range and moving there; one farther than `follow`, rad, from where it was told to
-    be; energy that rose, while nothing was seen to change and nobody pushed, by the share `rise` of the largest so far.
+    be, or that moves one and a half times as fast as it may; energy that rose, while nothing was seen to change and nobody pushed, by the share `rise` of the largest so far.
     Torques from outside above `push`, N m, are somebody who pushes.
     """
 
@@ -56,6 +57,7 @@ class Watch:
 
     def __init__(self, settings: DriveSettings, limits: MotionLimits, names: tuple[str, ...], certified: bool):
         self._settings, self._names, self._certified = settings, names, certified
+        self._fastest = (_TOO_FAST * np.asarray(limits.velocity)).astype(np.float32)
         self._lower = np.asarray(limits.lower) + settings.margin
         self._upper = np.asarray(limits.upper) - settings.margin
         self._number, self._energy = -1, np.nan
@@ -77,6 +79,9 @@ class Watch:
         if not looked.finite and (self._certified or not np.isfinite(step.qd).all()):
             what = "energy" if np.isfinite(step.qd).all() and np.isfinite(step.wanted).all() else "acceleration"
             return f"the policy's {what} is not finite"
+        if (np.abs(state.qd) > self._fastest).any():
+            k = int(np.argmax(np.abs(state.qd) / self._fastest))
+            return f"{self._names[k]} moves at {state.qd[k]:.2f} per second, {_TOO_FAST:g} times its limit or more"
         if not looked.apart <= settings.follow:
             return self._apart(state)
         if looked.end < settings.margin:

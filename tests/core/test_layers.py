@@ -55,6 +55,7 @@ LAYERS = {
     "inspection": set(),
     "policies": {"leaves", "kinematics", "world"},
     "io": {"kinematics", "leaves", "world"},
+    "perception": {"kinematics", "world"},
     "scenes": {"kinematics", "world"},
     "simulation": {"inspection", "kinematics", "leaves", "scenes", "world"},
     "learning": {"leaves", "kinematics", "simulation", "world"},

@@ -285,7 +285,7 @@ def test_a_policy_for_another_arm_is_refused(scene):
         '<robot name="a"><link name="b"/><link name="c"/><joint name="j" type="revolute"><parent link="b"/>'
         '<child link="c"/><axis xyz="0 0 1"/><limit lower="-1" upper="1" velocity="1" effort="1"/></joint></robot>'
     )
-    with pytest.raises(ConfigurationError, match="is for 1 joints"):
+    with pytest.raises(ConfigurationError, match="of 1 joints"):
         law(ArmPolicy(arm, (), posture(arm)), arm_at(scene))
 
 

@@ -1,0 +1,18 @@
+"""Articulated objects in depth images: a camera, its noise, models of objects, and a tracker of where they are."""
+
+from ._camera import Camera as Camera
+from ._evidence import Evidence as Evidence
+from ._evidence import evidence as evidence
+from ._noise import KINECT as KINECT
+from ._noise import PERFECT_DEPTH as PERFECT_DEPTH
+from ._noise import DepthNoise as DepthNoise
+from ._noise import axial_sigma as axial_sigma
+from ._noise import measured_depth as measured_depth
+from ._object_model import ObjectModel as ObjectModel
+from ._object_model import object_model as object_model
+from ._render import depth_renderer as depth_renderer
+from ._robot_seen import robot_spheres as robot_spheres
+from ._settings import ObjectTrackerSettings as ObjectTrackerSettings
+from ._track import Estimate as Estimate
+from ._track import start_estimate as start_estimate
+from ._track import track as track
