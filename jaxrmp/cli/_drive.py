@@ -16,6 +16,7 @@ from ..scenes import Scene, arm_alone
 from ..world import own_spheres
 from ._arms import (
     arm_of,
+    check_joints,
     check_model,
     check_writable,
     narrower,
@@ -134,8 +135,8 @@ def _far(skill: Skill, T: np.ndarray, shown: list[np.ndarray]) -> str:
     if nearest[0] <= _FAR and nearest[1] <= _FAR_TURNED:
         return ""
     return (
-        f"the object is said to be {100 * nearest[0]:.0f} cm and {np.degrees(nearest[1]):.0f} degrees from where it was "
-        f"in any demonstration of {skill.configuration.name!r}. Is its pose in the world of the robot's model?"
+        f"the object is said to be {100 * nearest[0]:.0f} cm and {np.degrees(nearest[1]):.0f} degrees from where it "
+        f"was in any demonstration of {skill.configuration.name!r}. Is its pose in the world of the robot's model?"
     )
 
 

@@ -29,6 +29,7 @@ _VECTORS = (
 )
 _NUMBERS = ("dt", "energy", "dissipation", "age", "busy")
 _FILE = re.compile(r"demo_(\d+)\.npz")
+_POSES = 20  # cycles after which an object's pose is written again, though it has not changed
 _WORLD, _OBJECT = "world", "object"
 
 
@@ -204,9 +205,8 @@ def save_mcap(arrays: dict[str, np.ndarray], folder: Path, joint_names: tuple[st
                         rates = none if qd is None else qd[k].astype(float)
                         message = make[state](header(at), names, q[k].astype(float), rates, none)
                         write(connection, at, message, state)
-                if seen is not None and (
-                    k == 0 or (arrays["T_world_object"][k] != arrays["T_world_object"][k - 1]).any()
-                ):
+                poses = arrays["T_world_object"]
+                if seen is not None and (k % _POSES == 0 or (poses[k] != poses[k - 1]).any()):
                     write(seen, at, transform(at, arrays["T_world_object"][k]), tf)
         new.rename(folder)
     finally:

@@ -23,7 +23,8 @@ class DriveSettings:
     the posture that is stated. Sliding joints count in m.
     What stops it: a cycle that comes later than `late`, s; a sighting older than `keep`, s; a joint nearer than
     `margin`, rad, to the end of its range and moving there; one farther than `follow`, rad, from where it was told to
-    be, or that moves one and a half times as fast as it may; energy that rose, while nothing was seen to change and nobody pushed, by the share `rise` of the largest so far.
+    be, or that moves one and a half times as fast as it may; energy that rose, while nothing was seen to change and
+    nobody pushed, by the share `rise` of the largest so far.
     Torques from outside above `push`, N m, are somebody who pushes.
     """
 

@@ -4,6 +4,7 @@ import dataclasses
 import json
 import re
 import socket
+import threading
 import warnings
 
 import jax
@@ -13,6 +14,7 @@ import pytest
 
 import jaxrmp
 from jaxrmp import ArmError, ConfigurationError
+from jaxrmp.cli import main
 from jaxrmp.hardware import (
     DriveEnd,
     DriveSettings,
@@ -391,8 +393,9 @@ def test_poses_come_as_datagrams():
             while sights.newest().number < seen.number + 3:
                 pass
             assert sights.newest().age >= aged, "news of obstacles is none of the pose"
-        with pytest.raises(ConfigurationError, match="cannot listen"):
-            UdpSightings(("127.0.0.1", sights.port))
+        for port in (sights.port, 99_999):
+            with pytest.raises(ConfigurationError, match="cannot listen"):
+                UdpSightings(("127.0.0.1", port))
     finally:
         sights.close()
 
@@ -405,6 +408,48 @@ def test_a_scene_s_object_is_seen_through_a_camera(scene):
         arm.read()
         ages.append(camera.newest().age)
     assert perfect.newest().age == 0.0 and max(ages[:150]) < 0.04 and ages[-1] > 0.5
+
+
+def test_torques_do_not_shake_a_light_wrist(tmp_path):
+    def link(name, mass, inertia):
+        return (
+            f'<link name="{name}"><inertial><origin xyz="0 0 0.1"/><mass value="{mass}"/><inertia ixx="{inertia}" '
+            f'iyy="{inertia}" izz="{inertia}" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+        )
+
+    def joint(name, parent, child, axis):
+        return (
+            f'<joint name="{name}" type="revolute"><origin xyz="0 0 0.2"/><parent link="{parent}"/>'
+            f'<child link="{child}"/><axis xyz="{axis}"/><limit lower="-3" upper="3" velocity="3" effort="54"/></joint>'
+        )
+
+    (tmp_path / "arm.urdf").write_text(
+        '<robot name="light"><link name="base"/>'
+        + link("upper", 3.0, 0.03)
+        + link("wrist", 0.1, 0.0001)
+        + joint("lift", "base", "upper", "0 1 0")
+        + joint("turn", "upper", "wrist", "0 0 1")
+        + "</robot>"
+    )
+    place = arm_alone(tmp_path / "arm.urdf")
+    arm = MujocoArm(place, np.zeros(2), real_time=False)
+    goal = np.array([0.5, -0.8])
+    found = drive(arm, law(to_posture(place.robot, goal), arm), Fixed(np.eye(4)), interface="torque")
+    assert found.end == DriveEnd.RESTED, found.reason
+    np.testing.assert_allclose(found.state.q, goal, atol=0.02)
+    assert np.abs(found.log.arrays()["log_velocities"]).max() < 3.0
+
+
+def test_a_joint_that_is_too_fast_stops_it(scene, reach):
+    reaching, T, _ = reach
+
+    class Thrown(MujocoArm):
+        def read(self):
+            state = super().read()
+            return state._replace(qd=state.qd + np.float32(4.0)) if self.data.time > 1.0 else state
+
+    found = drive(Thrown(scene, START, real_time=False), reaching, Fixed(T), start=START)
+    assert found.end == DriveEnd.STOPPED and "times its limit" in found.reason
 
 
 class Lagging(MujocoArm):
@@ -505,3 +550,66 @@ def test_settings_that_make_no_sense():
     with pytest.raises(jaxrmp.RigidTransformError):
         Fixed(np.zeros((4, 4)))
     assert dataclasses.replace(DriveSettings(), speed=0.5).speed == 0.5
+
+
+# The command line, in MuJoCo.
+
+
+@pytest.fixture(scope="module")
+def drawer(learned_drawer):
+    return str(learned_drawer / "drawer_closing.skill.npz")
+
+
+def test_a_skill_is_driven_in_its_scene_and_its_log_is_learned_from(drawer, tmp_path, capsys):
+    log, report = tmp_path / "drives", tmp_path / "drive.json"
+    command = ["drive", drawer, "--robot", "mujoco", "--scene", "drawer", "-q", "--late", "5"]
+    assert main([*command, "--log", str(log), "--json", str(report)]) == 0
+    found = json.loads(report.read_text())
+    assert found["end"] == "rested" and found["goal_cm"] < 1.0 and found["mcap"]
+    assert "came to rest" in capsys.readouterr().out
+    assert main([*command[:3], "mujoco", "-q", "--late", "5", "--log", str(log), "--speed", "1.5"]) == 0
+    assert len(load_demonstrations(log)) == 2
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--robot", "franka"], "needs --host"),
+        (["--robot", "franka", "--scene", "drawer"], "--scene is for --robot mujoco"),
+        (["--robot", "mujoco", "--start", "99"], "there are 0 to"),
+        (["--robot", "mujoco", "--start", "1,2"], "has 7 joints"),
+        (["--robot", "mujoco", "--start", "0,0,0,0,0,0,0"], "panda_joint4 would be outside"),
+        (["--robot", "mujoco", "--tracker", "9870"], "expected udp:PORT"),
+        (["--robot", "mujoco", "--speed", "5"], "at most 2"),
+    ],
+)
+def test_mistakes_are_explained_before_an_arm_moves(drawer, options, message, capsys):
+    assert main(["drive", drawer, *options, "-q"]) == 1
+    assert message in capsys.readouterr().err
+
+
+def test_a_dry_run_says_what_would_be_refused_and_where_the_object_is_said_to_be(drawer, capsys):
+    away = "--at=0,-0.6,0,-2.2,0,1.6,0.8"
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    T = np.eye(4)
+    T[:3, 3] = 3.0, 0.0, 0.0
+    ended = threading.Event()
+
+    def track():
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
+            while not ended.wait(0.05):
+                out.sendto(json.dumps({"T_world_object": T.tolist()}).encode(), ("127.0.0.1", port))
+
+    tracker = threading.Thread(target=track, daemon=True)
+    tracker.start()
+    try:
+        command = ["drive", drawer, "--robot", "mujoco", away, "--dry-run", "-q", "--duration", "3"]
+        assert main([*command, "--tracker", f"udp:{port}"]) == 0
+    finally:
+        ended.set()
+        tracker.join()
+    told = capsys.readouterr()
+    assert "nothing is sent" in told.out
+    assert "this is refused" in told.err and "from where it was in any demonstration" in told.err
