@@ -58,6 +58,11 @@ class Arm(Protocol):
         """Mass matrix and Coriolis torques at the last state, without gravity, for the interface "torque"."""
         ...
 
+    def holding(self) -> np.ndarray:
+        """How much each joint may be damped about its reference besides, N m s/rad [n], by the interface "torque": less
+        than what would shake it, for its inertia, motor included, and the arm's period."""
+        ...
+
     def hand_pose(self) -> np.ndarray | None:
         """Where the arm takes its flange to be at the last state, [4, 4] in its base; None if it does not say."""
         ...

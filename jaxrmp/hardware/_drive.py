@@ -20,8 +20,7 @@ from ._sightings import Sighting, Sightings
 from ._watch import DriveSettings, Watch
 
 _STIFFNESS, _DAMPING = 400.0, 40.0  # 1/s^2, 1/s: how torques hold the arm at its reference; and, since light links have
-_DAMPER, _OF_INERTIA = 0.8, 0.2  # friction as others have: s/rad times each joint's largest torque, or this share of
-_STIFFER = 10.0  # what stops its inertia in one period, whichever is less; and a stiffness of so much, 1/s, times that
+_STIFFER = 10.0  # friction as others have, by the arm's own `holding`, and a stiffness of so much, 1/s, times that
 _STOPPED = 1e-3  # rad/s, below which a braking arm is told to stand
 _STANDING, _STANDS, _PATIENCE = 0.002, 0.2, 5.0  # rad, s, s: an arm is driven once it moved no more in so long
 _WARM = 300  # calls before the arm moves
@@ -146,7 +145,6 @@ def _cycles(
     drift, reference = qd, np.zeros(n)
     stopped = min(_STOPPED, 0.5 * period * float(np.min(arm.limits.acceleration)))
     hold = settings.hold / min(settings.speed, 1.0)
-    strength = np.where(np.isfinite(arm.limits.torque), arm.limits.torque, 0.0)
     end, reason, late, still, braked = None, "", 0, 0.0, 0
     began: float | None = None
     seen = sightings.newest()
@@ -193,7 +191,7 @@ def _cycles(
                 end, reason = DriveEnd.RESTED, "came to rest"
             last_one = bool(reason) and bool(step.looked.sent < stopped)
             if interface == "torque":
-                command = _torque(arm, state, qd, qdd, strength)
+                command = _torque(arm, state, qd, qdd)
             else:
                 command = nothing if last_one else step.command
             if not np.isfinite(command).all():
@@ -227,12 +225,11 @@ def _braking(given: Step, asked: Step | None) -> Step:
     return given._replace(wanted=asked.wanted, energy=asked.energy, dissipation=asked.dissipation)
 
 
-def _torque(arm: Arm, state: ArmState, qd: np.ndarray, qdd: np.ndarray, strength: np.ndarray) -> np.ndarray:
+def _torque(arm: Arm, state: ArmState, qd: np.ndarray, qdd: np.ndarray) -> np.ndarray:
     """Torques [n] besides gravity's that hold the arm at its reference: `M (qdd + kp e + kd ed) + c + K e + D ed`."""
     M, bias = arm.dynamics()
     wanted = tracking_acceleration(qdd, state.q_d - state.q, qd - state.qd, _STIFFNESS, _DAMPING)
-    damper = np.minimum(_DAMPER * strength, _OF_INERTIA * np.diagonal(M) / arm.period)
-    held = damper * (_STIFFER * (state.q_d - state.q) + (qd - state.qd))
+    held = arm.holding() * (_STIFFER * (state.q_d - state.q) + (qd - state.qd))
     return np.asarray(M @ wanted + bias + held)
 
 

@@ -29,6 +29,7 @@ FR3_LIMITS = MotionLimits(
 """Of a Franka Research 3, as its maker publishes them in the robot's URDF and libfranka's rate limits; velocities fall
 towards the ends of joints' ranges."""
 _OF_TORQUE_RATE = 0.45  # an arm may count the change of two cycles as that of one, as a motion begins
+_HOLDING = 0.8 * FR3_LIMITS.torque  # tried on simulators with motors' inertia
 REALTIME = ("enforce", "ignore")
 _COLLISION = ([20.0, 20.0, 18.0, 18.0, 16.0, 14.0, 12.0], [20.0, 20.0, 20.0, 25.0, 25.0, 25.0])  # N m; N and N m
 
@@ -115,6 +116,10 @@ class FrankaArm:
             raise ArmError(f"{self.name}: its model is loaded as a motion by torques is started.")
         M = np.array(self._model.mass(self._raw)).reshape(JOINTS, JOINTS)
         return ArmDynamics(M, np.array(self._model.coriolis(self._raw)))
+
+    def holding(self) -> np.ndarray:
+        """70 N m s/rad for large joints, 10 for those of the wrist, whose motors' inertia the model does not have."""
+        return _HOLDING
 
     def hand_pose(self) -> np.ndarray | None:
         """The flange in the base, by the arm's own kinematics."""

@@ -21,6 +21,7 @@ from ._limits import MotionLimits
 from ._sightings import Sighting
 
 _STIFFNESS, _DAMPING = 400.0, 40.0  # 1/s^2, 1/s, of the arm's own loop
+_OF_INERTIA, _OF_TORQUE = 0.2, 0.8  # of an inertia a period, and s/rad times a torque: how joints are held by torques
 _MOST = 200  # cycles that it makes up for at once
 
 
@@ -78,6 +79,11 @@ class MujocoArm:
         """By MuJoCo's model, the bias without gravity."""
         found = arm_dynamics(self.scene.model, self.data, self.scene.arm_dofs)
         return found._replace(bias=found.bias - self._gravity())
+
+    def holding(self) -> np.ndarray:
+        """A share of what would stop each joint's inertia in one period, and no more than its motor can do."""
+        M = arm_dynamics(self.scene.model, self.data, self.scene.arm_dofs).mass_matrix
+        return np.minimum(_OF_INERTIA * np.diagonal(M) / self.period, _OF_TORQUE * self.limits.torque)
 
     def hand_pose(self) -> np.ndarray | None:
         """None: the scene's arm is the policy's own."""
