@@ -185,7 +185,7 @@ def save_mcap(arrays: dict[str, np.ndarray], folder: Path, joint_names: tuple[st
 
     state, tf = "sensor_msgs/msg/JointState", "tf2_msgs/msg/TFMessage"
     told = arrays.get(f"{PREFIX}positions_told")
-    names = list(joint_names)
+    names, poses = list(joint_names), arrays.get("T_world_object", np.zeros((0, 4, 4)))
     columns = (arrays["joint_positions"], arrays.get(f"{PREFIX}velocities"))
     commands = (told, arrays.get(f"{PREFIX}velocities_told"))
     none = np.zeros(0)
@@ -205,9 +205,8 @@ def save_mcap(arrays: dict[str, np.ndarray], folder: Path, joint_names: tuple[st
                         rates = none if qd is None else qd[k].astype(float)
                         message = make[state](header(at), names, q[k].astype(float), rates, none)
                         write(connection, at, message, state)
-                poses = arrays["T_world_object"]
                 if seen is not None and (k % _POSES == 0 or (poses[k] != poses[k - 1]).any()):
-                    write(seen, at, transform(at, arrays["T_world_object"][k]), tf)
+                    write(seen, at, transform(at, poses[k]), tf)
         new.rename(folder)
     finally:
         shutil.rmtree(partial, ignore_errors=True)

@@ -307,8 +307,9 @@ def test_demonstrations_are_recorded_from_an_arm_that_is_guided(tmp_path_factory
         arm.close()
     assert 0.3 < found["time"][-1] < 5.0 and len(found["time"]) >= 0.15 * 500
     demos = learning.load_demonstrations(folder)
+    assert len(list((folder / "mcap").iterdir())) == 3
     assert len(demos) == 3 and demos.joint_names == NAMES
     for demonstration in list(demos)[:2]:
         rate = (len(demonstration.time) - 1) / demonstration.time[-1]
-        assert 90 < rate < 110 and demonstration.time[-1] > 1.0
+        assert 40 < rate < 110 and demonstration.time[-1] > 1.0
         assert np.ptp(demonstration.q[:, 0]) > 0.02 and np.ptp(demonstration.q[:, 1]) < 0.01
