@@ -18,7 +18,7 @@ endif
 export JAX_COMPILATION_CACHE_DIR ?= $(abspath .jax_cache)
 export JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS ?= 0
 
-.PHONY: demo test osmesa chromium check format docs bench peers robots simulators try-simulators clean
+.PHONY: demo test osmesa chromium check format docs bench peers robots simulators clean
 
 demo: $(VENV)/.installed-demo osmesa
 	$(BIN)/jaxrmp learn configs/drawer_closing.toml --out out/drawer_closing
@@ -29,7 +29,7 @@ demo: $(VENV)/.installed-demo osmesa
 	else $(BIN)/jaxrmp run $(DEMO) --video out/drawer_closing/drawer.mp4 --figures out/drawer_closing/figures; fi
 	@echo "The drawer is closed. To read: out/drawer_closing/report.html and run.html; skill, video, pictures beside them."
 
-test: $(VENV)/.installed-dev osmesa chromium try-simulators
+test: $(VENV)/.installed-dev osmesa chromium
 	$(BIN)/python -m pytest -n auto --dist loadfile --durations=10
 
 # What MuJoCo needs to draw without a display, where we may install it.
@@ -89,7 +89,8 @@ $(ROBOTS)/.installed: $(BIN)/python
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --target $(ROBOTS) example-robot-data==6.0.0
 	@touch $@
 
-# Simulators of a Franka, for tests and `python -m benchmarks franka`: 900 MB, and two environments of their own.
+# Simulators of a Franka, for `python -m benchmarks franka` and for tests, which are skipped without: 900 MB, and two
+# environments of their own.
 simulators: $(SIMULATORS)/.installed
 
 $(SIMULATORS)/.installed: benchmarks/simulators.txt benchmarks/simulators_strict.txt
@@ -101,11 +102,6 @@ $(SIMULATORS)/.installed: benchmarks/simulators.txt benchmarks/simulators_strict
 		sed "s#meshdir=\"assets\"#meshdir=\"$$assets/meshes\"#" $$assets/fr3.xml > $(SIMULATORS)/fr3.part && \
 		test -s $(SIMULATORS)/fr3.part && mv $(SIMULATORS)/fr3.part $(SIMULATORS)/fr3.xml
 	@touch $@
-
-# Where they cannot be installed, their tests are skipped, and say so.
-try-simulators:
-	@if [ "$$(uname -sm)" = "Linux x86_64" ]; then $(MAKE) --no-print-directory simulators || \
-		echo "No simulators of a Franka: their tests are skipped."; fi
 
 clean:
 	rm -rf $(VENV) $(PEERS) $(ROBOTS) $(SIMULATORS) .jax_cache out dist .pytest_cache .ruff_cache
