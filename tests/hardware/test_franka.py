@@ -126,13 +126,13 @@ def test_a_cable_that_is_pulled_ends_it_with_the_log(franky):
 
     found = drive(arm, reach, Fixed(T), PATIENT, start=HOME, running=from_first)
     assert found.end == DriveEnd.BY_ARM and "Franka" in found.reason
-    assert found.log.count > 100 and np.isfinite(found.log.arrays()["joint_positions"]).all()
+    assert found.log.count > 20 and np.isfinite(found.log.arrays()["joint_positions"]).all()
 
 
 def test_a_process_that_was_stopped_brakes_the_arm(franky):
     arm = FrankaArm(franky.host, "ignore")
     reach, _, T, _ = reaching(arm)
-    stop = f"import os, signal, time; time.sleep(.8); os.kill({os.getpid()}, signal.SIGSTOP); time.sleep(.06); "
+    stop = f"import os, signal, time; time.sleep(.8); os.kill({os.getpid()}, signal.SIGSTOP); time.sleep(.3); "
     stop += f"os.kill({os.getpid()}, signal.SIGCONT)"
     asked = []
 

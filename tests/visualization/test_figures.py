@@ -110,7 +110,7 @@ def learning():
     )
     choices = tuple(PotentialChoice(fit, trials[1], trials) for fit in fits)
     paper = PaperLearning(skill.learned, (nominal,) * 2, choices, MetricFit(factors, losses, 0.0, 0.0))
-    return Learning(skill, demonstrations, families(demonstrations.points), paper, None, None, "asked for", {})
+    return Learning(skill, demonstrations, families(demonstrations.points), paper, None, None, "asked for", None, {})
 
 
 @pytree
