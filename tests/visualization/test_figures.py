@@ -25,6 +25,7 @@ from jaxrmp.learning import (
     subtask_trajectories,
 )
 from jaxrmp.learning._metric_training import MetricFit
+from jaxrmp.learning._own_clearance import OwnClearance
 from jaxrmp.learning._potential_choice import WidthTrial, cosines
 from jaxrmp.leaves import Damping, Learned, NominalPotential
 from jaxrmp.simulation import Rollout
@@ -110,7 +111,8 @@ def learning():
     )
     choices = tuple(PotentialChoice(fit, trials[1], trials) for fit in fits)
     paper = PaperLearning(skill.learned, (nominal,) * 2, choices, MetricFit(factors, losses, 0.0, 0.0))
-    return Learning(skill, demonstrations, families(demonstrations.points), paper, None, None, "asked for", None, {})
+    near = OwnClearance(np.nan, why="no robot")
+    return Learning(skill, demonstrations, families(demonstrations.points), near, paper, None, None, "asked for", {})
 
 
 @pytree
