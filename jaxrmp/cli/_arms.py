@@ -15,7 +15,6 @@ from .._errors import ConfigurationError
 from ..kinematics import Robot, frame_poses
 from ..scenes import Scene
 
-ARMS = ("franka", "mujoco")
 _MOVES = 0.1  # rad/s, above which an arm's own word of its flange may be of another moment
 _SAME, _SAME_TURN = 0.005, 0.02  # m, and rad times one, by which the arm's flange may differ from the model's
 
@@ -54,15 +53,27 @@ def arm_of(arguments: argparse.Namespace, scene: Scene | None, q: np.ndarray | N
         arm.close()
 
 
-def sightings_of(named: str | None, obstacles: int) -> hardware.UdpSightings | None:
-    """What `--tracker udp:PORT` or `udp:HOST:PORT` listens to; None without. By default at 127.0.0.1."""
+@contextlib.contextmanager
+def sightings_of(
+    named: str | None, obstacles: int, running: Callable[[], bool]
+) -> Iterator[hardware.UdpSightings | None]:
+    """What `--tracker udp:PORT` or `udp:HOST:PORT` listens to, once a pose is there, until the end of the block; None
+    without. By default at 127.0.0.1."""
     if named is None:
-        return None
+        yield None
+        return
     kind, _, address = named.partition(":")
     host, _, port = address.rpartition(":")
     if kind != "udp" or not port.isdigit():
         raise ConfigurationError(f"--tracker is {named!r}, expected udp:PORT or udp:HOST:PORT.")
-    return hardware.UdpSightings((host or "127.0.0.1", int(port)), obstacles)
+    found = hardware.UdpSightings((host or "127.0.0.1", int(port)), obstacles)
+    try:
+        found.wait(10.0, running)
+        if not running():
+            raise KeyboardInterrupt
+        yield found
+    finally:
+        found.close()
 
 
 def posture_of(named: str, robot: Robot, shown: list[np.ndarray] | None) -> np.ndarray:
@@ -90,20 +101,14 @@ def posture_of(named: str, robot: Robot, shown: list[np.ndarray] | None) -> np.n
     return q
 
 
-def check_joints(arm: Any, robot: Robot) -> None:
-    """**Raises** `ConfigurationError` for an arm of another number of joints than the policy's `robot`."""
-    if arm.joints != robot.num_joints:
-        raise ConfigurationError(
-            f"the skill is of {robot.name!r}, which has {robot.num_joints} joints, and {arm.name} has {arm.joints}."
-        )
-
-
 def check_model(arm: Any, robot: Robot, state: hardware.ArmState) -> str | None:
-    """Whether the arm's kinematics are the policy's: None where a frame of `robot` is where the arm has its flange, or
+    """Whether the arm's kinematics are those of `robot`: None where a frame of that is where the arm has its flange, or
     why that could not be looked at.
 
-    **Raises** `ConfigurationError` if no frame is.
+    **Raises** `ConfigurationError` if no frame is, or the arm has another number of joints.
     """
+    if arm.joints != robot.num_joints:
+        raise ConfigurationError(f"{robot.name!r} has {robot.num_joints} joints, and {arm.name} has {arm.joints}.")
     T = arm.hand_pose()
     if T is None:
         return None

@@ -16,7 +16,6 @@ from ..scenes import Scene, arm_alone
 from ..world import own_spheres
 from ._arms import (
     arm_of,
-    check_joints,
     check_model,
     check_writable,
     narrower,
@@ -67,7 +66,6 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
     with running_until_interrupted() as running, progress_bar(arguments.quiet) as progress:
         progress("connecting", 0.0)
         with arm_of(arguments, scene, posture_of(arguments.at, robot, shown) if arguments.at else start) as arm:
-            check_joints(arm, robot)
             state = arm.read()
             if why := check_model(arm, robot, state):
                 tell(f"whether the arm's kinematics are the skill's could not be checked wholly: {why}.")
@@ -83,18 +81,18 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
             if law.uncertified:
                 tell(f"its energy is not watched: {', '.join(law.uncertified)} have none.")
             progress("waiting", 0.8)
-            sightings = _sightings(arguments, skill, arm, scene, running)
-            try:
+            with sightings_of(arguments.tracker, arguments.obstacles, running) as tracked:
+                sightings = tracked or _untracked(skill, arm, scene)
                 if far := _far(skill, sightings.newest().T_world_object, shown_poses):
                     tell(far)
                 if arguments.dry_run:
-                    if not _there(state.q, start, 2 * settings.near):
+                    if not _there(state.q, start, settings.near):
                         tell(
                             "without --dry-run this is refused: the arm is not at the start. --go takes it there first."
                         )
                     print(dry_run(law, state, sightings.newest(), settings, arm.period, robot))
                     return
-                if arguments.go and not _there(state.q, start, settings.near):
+                if arguments.go and not _there(state.q, start, 0.5 * settings.near):
                     progress("going to the start", 0.85)
                     _go(arm, robot, start, settings, running, priority)
                 hardware.check_start(arm.read().q, start, settings.near, robot.joint_names)
@@ -110,8 +108,6 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
                     running=running,
                     priority=priority,
                 )
-            finally:
-                sightings.close()
     _report(arguments, skill, robot, law, found, sightings, object_name)
 
 
@@ -141,18 +137,11 @@ def _far(skill: Skill, T: np.ndarray, shown: list[np.ndarray]) -> str:
 
 
 def _there(q: np.ndarray, start: np.ndarray, near: float) -> bool:
-    return bool((np.abs(q - start) <= 0.5 * near).all())
+    return bool((np.abs(q - start) <= near).all())
 
 
-def _sightings(
-    arguments: argparse.Namespace, skill: Skill, arm: Any, scene: Scene | None, running: Any
-) -> hardware.Sightings:
-    found = sightings_of(arguments.tracker, arguments.obstacles)
-    if found is not None:
-        found.wait(10.0, running)
-        if not running():
-            raise KeyboardInterrupt
-        return found
+def _untracked(skill: Skill, arm: Any, scene: Scene | None) -> hardware.Sightings:
+    """Where the object is without a tracker: where the `scene` has it, or where it was demonstrated."""
     if scene is not None and scene.object:
         return hardware.SceneTracker(arm)
     return hardware.Fixed(np.asarray(skill.T_world_object))

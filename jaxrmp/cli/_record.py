@@ -32,18 +32,10 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
     check_writable(arguments.out)
     hardware.check_log_folder(arguments.out, robot.name, robot.joint_names, arguments.object or "")
     with running_until_interrupted() as running, arm_of(arguments, None, None) as arm:
-        if arm.joints != robot.num_joints:
-            raise ConfigurationError(f"{robot.name} has {robot.num_joints} joints, and {arm.name} has {arm.joints}.")
         if why := check_model(arm, robot, arm.read()):
             tell(f"whether the arm's kinematics are those of --model could not be checked wholly: {why}.")
-        sightings = sightings_of(arguments.tracker, 0)
-        try:
-            if sightings is not None:
-                sightings.wait(10.0, running)
+        with sightings_of(arguments.tracker, 0, running) as sightings:
             _record_all(arguments, arm, robot, sightings, running)
-        finally:
-            if sightings is not None:
-                sightings.close()
 
 
 def _record_all(

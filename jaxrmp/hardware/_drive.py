@@ -82,16 +82,17 @@ def drive(
         raise ConfigurationError(f"{arm.name} has no interface {interface!r}: it has {', '.join(arm.interfaces)}.")
     names = names or tuple(f"joint {k + 1}" for k in range(arm.joints))
     state = _standing(arm)
-    if len(sightings.newest().obstacles) > law.obstacles:
+    seen = sightings.newest()
+    if len(seen.obstacles) > law.obstacles:
         raise ConfigurationError(
-            f"{len(sightings.newest().obstacles)} obstacles are told, and the law has slots for {law.obstacles}: "
+            f"{len(seen.obstacles)} obstacles are told, and the law has slots for {law.obstacles}: "
             "hardware.law(policy, arm, obstacles=N)."
         )
     check_start(state.q, start, settings.near, names)
     log = Log(arm.joints, round((settings.duration + _AFTER) / arm.period))
     watch = Watch(settings, arm.limits, names, not law.uncertified)
     obstacles = _Obstacles(law.obstacles)
-    _warm_up(law, state, sightings.newest(), obstacles, settings.speed)
+    _warm_up(law, state, seen, obstacles, settings.speed)
     if not running():
         return Drive(DriveEnd.INTERRUPTED, "interrupted before it moved", log, 0, state)
     with _no_garbage(), _scheduled(priority) as real_time:

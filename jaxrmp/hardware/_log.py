@@ -30,7 +30,7 @@ _VECTORS = (
 _NUMBERS = ("dt", "energy", "dissipation", "age", "busy")
 _FILE = re.compile(r"demo_(\d+)\.npz")
 _POSES = 20  # cycles after which an object's pose is written again, though it has not changed
-_WORLD, _OBJECT = "world", "object"
+_WORLD = "world"
 
 
 class Log:
@@ -180,7 +180,7 @@ def save_mcap(arrays: dict[str, np.ndarray], folder: Path, joint_names: tuple[st
             translation=make["geometry_msgs/msg/Vector3"](*map(float, T[:3, 3])),
             rotation=make["geometry_msgs/msg/Quaternion"](x, y, z, w),
         )
-        one = make["geometry_msgs/msg/TransformStamped"](header(nanoseconds, _WORLD), tracked or _OBJECT, moved)
+        one = make["geometry_msgs/msg/TransformStamped"](header(nanoseconds, _WORLD), tracked, moved)
         return make["tf2_msgs/msg/TFMessage"](transforms=[one])
 
     state, tf = "sensor_msgs/msg/JointState", "tf2_msgs/msg/TFMessage"
