@@ -114,9 +114,7 @@ class MujocoArm:
     def _pass(self) -> None:
         q, qd = self._arm.state()
         if self._interface == "torque":
-            M = arm_dynamics(self.scene.model, self.data, self.scene.arm_dofs)
-            tau = self._torque + self._gravity()
-            self._arm.drive(np.linalg.solve(M.mass_matrix, tau - M.bias))
+            self._arm.push(self._torque + self._gravity())
         else:
             self._q_d = self._q_d + self.period * self._qd_d
             wanted = tracking_acceleration(0.0, self._q_d - q, self._qd_d - qd, _STIFFNESS, _DAMPING)

@@ -7,7 +7,7 @@ import numpy as np
 
 from ..kinematics._mujoco import import_mujoco
 from ..scenes import Scene
-from ._computed_torque import arm_dynamics, computed_torque, within_velocity_limits
+from ._computed_torque import Torque, arm_dynamics, computed_torque, within_velocity_limits
 from ._judge import End, Track
 
 
@@ -40,9 +40,18 @@ class PhysicalArm:
 
     def drive(self, qdd: np.ndarray) -> None:
         """One step with the torques that give accelerations `qdd` [n], cut at the torque limits."""
+        dynamics = arm_dynamics(self.scene.model, self.data, self._places[1])
+        self._apply(computed_torque(dynamics, qdd, self._limit))
+
+    def push(self, torque: np.ndarray) -> None:
+        """One step with `torque` [n], N m, cut at the torque limits."""
+        within = torque.clip(-self._limit, self._limit)
+        self._apply(Torque(within, within != torque))
+
+    def _apply(self, torque: Torque) -> None:
         model, data = self.scene.model, self.data
-        _, dofs, actuators, gear = self._places
-        self.torque, self.cut = computed_torque(arm_dynamics(model, data, dofs), qdd, self._limit)
+        _, _, actuators, gear = self._places
+        self.torque, self.cut = torque
         data.ctrl[actuators] = self.torque / gear
         self.touching = int(self.scene.of_arm[data.contact.geom].any(1).sum()) if data.ncon else 0
         self._mujoco.mj_step2(model, data)
