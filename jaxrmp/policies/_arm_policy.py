@@ -115,7 +115,7 @@ def whole_arm_policy(skill: Any | Sequence[Any], robot: Robot, spheres: RobotSph
     whole = spheres or _spheres_of(robot)
     always = self_avoidance(robot, whole) + velocity_limits(robot) + _of_others(robot, skills)
     close = spheres or (whole and _spheres_of(robot, [each.frames[0] for each in skills]))
-    leaf = CollisionAvoidance(barrier=0.003, reach=0.05, epsilon=0.02)
+    leaf = CollisionAvoidance(0.02, 0.003, 0.0, 0.05, 0.5, frequency=np.inf)
     return single(ArmPolicy(robot, tasks, always, close and close.moving(robot), leaf, target_of))
 
 
