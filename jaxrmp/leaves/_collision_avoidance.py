@@ -42,8 +42,8 @@ class CollisionAvoidance(SeparableGDS):
     **Raises** `UnknownNameError` for another form; `ConfigurationError` for a reach, sigma, floor or frequency that is
     not positive, a floor that is not below the reach (compact), or another negative parameter.
 
-    The defaults keep an arm of a metre off at steps of 1 ms. Published are `epsilon` 0.2, `barrier` 1e-5 and an infinite
-    `frequency`, without damping, which let it touch.
+    The defaults keep an arm of a metre off at steps of 1 ms. Published are `epsilon` 0.2, `barrier` 1e-5 and an
+    infinite `frequency`, without damping, which let it touch.
 
     >>> leaf = CollisionAvoidance()
     >>> near, far = leaf(jnp.array([0.01, 0.1]), jnp.zeros(2)).f
