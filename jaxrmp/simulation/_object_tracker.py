@@ -1,7 +1,6 @@
 """What tells a policy where the object of its scene is, trial by trial: a model of a tracker's noise, or a camera."""
 
-from collections.abc import Mapping
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -19,23 +18,6 @@ class Sight(Protocol):
     def stamp(self) -> float:
         """Seconds since the start of the trial; minus infinity if the pose is a guess."""
         ...
-
-
-class Tracking(NamedTuple):
-    """How a camera followed the object through a trial.
-
-    `images`, how many it took while the arm was free to move, and in how many of these the object was `lost`;
-    `found_s`, s that it was looked for before, NaN if it was not found then; root mean squares over the images:
-    `position_m` and `angle_deg`, of the pose that the policy was told, and `joints`, rad or m, of the object's joints
-    by name.
-    """
-
-    images: int
-    lost: int
-    found_s: float
-    position_m: float
-    angle_deg: float
-    joints: Mapping[str, float]
 
 
 class Tracker(Protocol):
@@ -65,6 +47,6 @@ class Tracker(Protocol):
         """Seconds at `time` for which the pose of `sight` has gone unconfirmed, the tracker's own delay aside."""
         ...
 
-    def report(self, sight: Any) -> Tracking | None:
-        """How it went up to `sight`; None for a tracker that has nothing to say."""
+    def report(self, sight: Any) -> Any:
+        """How it went up to `sight`, a named tuple of numbers; None for a tracker that has nothing to say."""
         ...
