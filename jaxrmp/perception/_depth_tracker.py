@@ -156,8 +156,8 @@ def depth_tracker(
     keep: float = 0.5,
     before: float = 1.0,
 ) -> Iterator[DepthTracker]:
-    """Within it, a depth `camera` over a `scene` for `simulation.run_trials`: what the policy knows of the object's pose
-    is what the camera's images say.
+    """Within it, a depth `camera` over a `scene` for `simulation.run_trials`: of the object's pose, a policy knows what
+    its images say.
 
     Images are MuJoCo's, with `noise`, as many a second as the `settings` say, and reach the policy at once. Before a
     trial the object is looked for, from a guess that is 5 cm and 15 degrees off. Where it is lost the pose stays where
