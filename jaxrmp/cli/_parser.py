@@ -137,6 +137,14 @@ _COMMANDS: dict[str, tuple[str, str, str, list[tuple[str, dict[str, Any]]]]] = {
             _argument("--tracker-dropouts P", "share of frames", 0.0),
             _argument("--tracker-bias M", "constant error, m", 0.0),
             _argument("--tracker-silent-after S", "when it goes silent, default never", float("inf")),
+            _argument(
+                "--camera",
+                "the policy knows of the object what a camera overhead sees of it: depth, as a Kinect's, instead of a "
+                "tracker",
+                choices=("depth",),
+            ),
+            _argument("--camera-distance M", "from what the object's joint moves, default 1", type=float),
+            _argument("--camera-at X,Y,Z", "where it stands, m, instead of where the arm hides least", type=str),
         ],
     ),
     "evaluate": (

@@ -7,6 +7,7 @@ from typing import Any
 
 from ..reports import _page
 from ..reports._page import heading, numbers, paragraph, percent, records
+from ._camera_words import camera_in_words
 from ._output import NOT_VALIDATED, SOME_MEASURE, fold_failed, folds_passed, measured
 
 FIGURES = {
@@ -171,6 +172,7 @@ def run_page(
             "1 kHz with contacts and torque limits. Replay one with `--trial K`, all else as here."
         ),
         paragraph(_paths(report)),
+        *([heading("The camera"), paragraph(camera_in_words(report))] if report["camera"] else []),
         records(
             report["per_trial"],
             {
@@ -187,6 +189,10 @@ def run_page(
                 "steps at a torque limit": lambda t: percent(t["saturated"]),
                 "steps at a velocity limit": lambda t: percent(t["velocity_limited"]),
                 "braked without a pose, s": lambda t: f"{t['braked_s']:.2f}",
+                "images without the object": lambda t: f"{t['tracking']['lost']}" if t["tracking"] else "",
+                "object seen wrong by, mm": lambda t: (
+                    f"{1000 * t['tracking']['position_m']:.1f}" if t["tracking"] else ""
+                ),
             },
         ),
         _page.pictures(figures),

@@ -1,6 +1,7 @@
 """`jaxrmp run`: a skill in physics, trial after trial, with pictures, a video and a report."""
 
 import argparse
+import contextlib
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
@@ -12,21 +13,26 @@ import numpy as np
 from .. import learning, simulation, visualization
 from .._errors import ConfigurationError, RolloutError
 from .._pytree import single
+from ..perception import DepthTracker
 from ..policies import FoundDetour, find_detour, whole_arm_policy
 from ..scenes import Scene
+from ._camera import camera_report, check_camera, noise_of, scene_camera
+from ._camera_words import seen_in_words
 from ._output import aligned, made_by, progress_bar, tell, write_json
 from ._report_pages import FIGURES, pictures_in, run_page
 from ._sources import demonstrations_of, scene_of
 
 # The options, besides the tracker's, that decide what happens.
 _DECISIVE = ("scene", "trial", "trials", "displace", "seed", "limit", "interface", "learned_rate", "detour")
+_OF_CAMERA = ("camera", "camera_distance", "camera_at")
 _AHEAD = 10.0  # s that a look ahead is long, at most
 
 
 def run(arguments: argparse.Namespace, rest: list[str]) -> None:
     if arguments.video:
         visualization.check_video_name(arguments.video)
-    if arguments.video or arguments.figures:
+    check_camera(arguments)
+    if arguments.video or arguments.figures or arguments.camera:
         visualization.prepare_headless()
     skill = learning.load_skill(arguments.skill)
     if skill.of_turn:
@@ -51,21 +57,24 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
         if arguments.detour:
             progress("looking ahead", 0.0)
         ways = _detours(policy, scene, trials, min(_AHEAD, arguments.limit)) if arguments.detour else None
-        result = simulation.run_trials(
-            scene,
-            policy,
-            trials,
-            aside=ways and ways.aside,
-            limit=arguments.limit,
-            tracker=_tracker(arguments, skill),
-            interface=arguments.interface,
-            learned_rate=arguments.learned_rate,
-            seed=arguments.seed,
-            first=arguments.trial or 0,
-            progress=lambda share: progress("running", share),
-        )
+        with _tracker(arguments, skill, scene, prepared) as tracker:
+            result = simulation.run_trials(
+                scene,
+                policy,
+                trials,
+                aside=ways and ways.aside,
+                limit=arguments.limit,
+                tracker=tracker,
+                interface=arguments.interface,
+                learned_rate=arguments.learned_rate,
+                seed=arguments.seed,
+                first=arguments.trial or 0,
+                progress=lambda share: progress("running", share),
+            )
         paths = path_errors(result, skill, prepared)
         report = report_dict(result, arguments.trial or 0, paths)
+        seen = isinstance(tracker, DepthTracker)
+        report["camera"] = camera_report(tracker, scene, prepared) if seen else None
         report["detours"] = ways and _ways(ways)
         if arguments.json:
             write_json(report, arguments.json)
@@ -84,7 +93,7 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
             if page:
                 tracking = [name for name in vars(arguments) if name.startswith("tracker")]
                 settings = {"skill": str(arguments.skill), "learned_from": skill.source}
-                settings |= {name: getattr(arguments, name) for name in (*_DECISIVE, *tracking)}
+                settings |= {name: getattr(arguments, name) for name in (*_DECISIVE, *_OF_CAMERA, *tracking)}
                 figures = pictures_in(drawn) or _figures(result, prepared, reproduction)
                 run_page({**report, "settings": settings}, made, figures, page)
     print(outcome_table(report))
@@ -124,12 +133,14 @@ def _figures(
     return {FIGURES[name][0]: (visualization.png(figure), FIGURES[name][1]) for name, figure in figures.items()}
 
 
-def _tracker(arguments: argparse.Namespace, skill: learning.Skill) -> simulation.TrackerSettings | None:
+def _tracker(
+    arguments: argparse.Namespace, skill: learning.Skill, scene: Scene, prepared: learning.PreparedDemonstrations
+) -> contextlib.AbstractContextManager[DepthTracker | simulation.TrackerSettings | None]:
+    """What tells the policy where the object is, within which it does."""
+    if arguments.camera:
+        return scene_camera(arguments, skill, scene, prepared)
     needed = arguments.tracker == "auto" and (skill.configuration.object or arguments.displace)
-    if arguments.tracker != "on" and not needed:
-        return None
-    given = {name: getattr(arguments, f"tracker_{name}") for name in ("delay", "dropouts", "bias", "silent_after")}
-    return simulation.TrackerSettings(**given)
+    return contextlib.nullcontext(noise_of(arguments) if arguments.tracker == "on" or needed else None)
 
 
 Paths = Sequence[dict[str, Any] | None]
@@ -172,6 +183,7 @@ def report_dict(result: simulation.Run, first: int = 0, paths: Paths | None = No
             **outcome._asdict(),
             "end": outcome.end.name.lower(),
             "diverged": outcome.diverged,
+            "tracking": outcome.tracking and outcome.tracking._asdict(),
             "path": path,
         }
         for k, (outcome, path) in enumerate(zip(result.outcomes, paths, strict=True))
@@ -209,6 +221,8 @@ def outcome_table(report: dict[str, Any]) -> str:
     if ignored := [t["trial"] for t in report["per_trial"] if t["ignored"]]:
         most = max(t["ignored"] for t in report["per_trial"])
         lines.append(f"obstacles that are not finite were ignored in {len(ignored)} trials, up to {most}: {ignored}")
+    if seen := [t["tracking"] for t in report["per_trial"] if t["tracking"]]:
+        lines.append(seen_in_words(seen))
     if mean := report["path"]:
         lines.append(
             f"{report['trials_compared']} trials start as a demonstration did; their ways are {mean['dtw_cm']:.2f} cm "

@@ -1,6 +1,11 @@
-"""Articulated objects in depth images: a camera, its noise, models of objects, and a tracker of where they are."""
+"""Articulated objects in depth images: a camera, its noise and place, models of objects, and a tracker of
+where they are, alone or in trials in physics."""
 
 from ._camera import Camera as Camera
+from ._depth_tracker import DepthSight as DepthSight
+from ._depth_tracker import DepthTracker as DepthTracker
+from ._depth_tracker import Tracking as Tracking
+from ._depth_tracker import depth_tracker as depth_tracker
 from ._evidence import Evidence as Evidence
 from ._evidence import evidence as evidence
 from ._noise import KINECT as KINECT
@@ -10,6 +15,8 @@ from ._noise import axial_sigma as axial_sigma
 from ._noise import measured_depth as measured_depth
 from ._object_model import ObjectModel as ObjectModel
 from ._object_model import object_model as object_model
+from ._overhead import looked_at as looked_at
+from ._overhead import overhead_camera as overhead_camera
 from ._render import depth_renderer as depth_renderer
 from ._robot_seen import robot_spheres as robot_spheres
 from ._settings import ObjectTrackerSettings as ObjectTrackerSettings

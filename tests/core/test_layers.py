@@ -74,6 +74,7 @@ LAYERS = {
         "leaves",
         "kinematics",
         "learning",
+        "perception",
         "policies",
         "reports",
         "scenes",
