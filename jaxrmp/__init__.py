@@ -75,6 +75,7 @@ from .xla import Compiled as Compiled
 from .xla import compiled as compiled
 
 _ON_FIRST_USE = (
+    "environments",
     "evaluation",
     "export",
     "hardware",
@@ -83,6 +84,7 @@ _ON_FIRST_USE = (
     "perception",
     "policies",
     "scenes",
+    "sequences",
     "simulation",
     "synthetic",
     "viewer",

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..scenes import Scene
+from ..scenes import Left, Scene
 from ._computed_torque import tracking_acceleration, within_velocity_limits
 from ._judge import End
 from ._object_tracker import Tracker
@@ -108,7 +108,8 @@ class LiveTrial(PhysicalArm):
         self._record()
         if end != End.DIVERGED:
             self._least = min(self._least, self.scene.clearance(self.data))
-        left, goal, steps = self.scene.left(self.data), self.scene.goal, max(self._step, 1)
+        left = self.scene.left(self.data) if self.scene.judges else Left(False, "", np.nan)
+        goal, steps = self.scene.goal, max(self._step, 1)
         still = "" if self._slow or np.isinf(self.scene.speed) else ", still moving"
         finite = np.isfinite(self.data.qpos).all() and np.isfinite(self.data.qvel).all()
         fast = (np.abs(super().state()[1]) >= DIVERGED * self._speed_limit).any()
@@ -133,6 +134,7 @@ class LiveTrial(PhysicalArm):
             braked_s=self._braked * self._dt,
             ignored=int(self.scene.obstacles().ignored),
             tracking=None if self._tracker is None else self._tracker.report(self._sight),
+            left=left.words,
         )
 
     def _record(self) -> None:
@@ -147,7 +149,7 @@ class LiveTrial(PhysicalArm):
             hand = scene.hand_pose(self.data)[:3, 3].copy()
             self._slow = self._hand is not None and bool(np.linalg.norm(hand - self._hand) < scene.speed * step)
             self._hand = hand
-        good = scene.left(self.data).there and (self._slow or np.isinf(scene.speed))
+        good = scene.judges and scene.left(self.data).there and (self._slow or np.isinf(scene.speed))
         good = good and (moves is None or self.time >= moves.start + moves.duration)
         self._good = self._good + 1 if good else 0
         self.there = self._good * step >= self._hold
