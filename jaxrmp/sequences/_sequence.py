@@ -98,7 +98,7 @@ class State:
 
 @dataclass(frozen=True, eq=False)
 class Sequence:
-    """States, the first of which begins; `limit`, s, for all of them together.
+    """`states`, the first of which begins; `limit`, s, for all of them together.
 
     **Raises** `ConfigurationError` for no states, or a name that is there twice; `UnknownNameError` for a state that a
     `then` or an `otherwise` names and that is not there.

@@ -11,6 +11,7 @@ from .._errors import ConfigurationError, JaxrmpError, UnknownNameError
 from .._rotations import pose, rotation_of_quaternion, rotation_of_vector
 from ..learning import Skill, load_skill
 from ..scenes import Scene
+from ..scenes._gripper import check_width
 from ._sequence import END, RELATIVE_TO, After, Arrived, GripperMove, Sequence, State
 from ._states import perform, reach
 
@@ -151,7 +152,7 @@ def _entry(key: str, entry: dict[str, Any], names: list[Any]) -> None:
     if key in ("seconds", "timeout", "gripper_seconds"):
         _number(key, value)
     if key == "gripper":
-        GripperMove(value)
+        check_width(value)
     for name, count in (("position", 3), ("rpy_degrees", 3), ("quaternion_wxyz", 4)):
         if key == name:
             _numbers(key, value, count)
