@@ -42,9 +42,9 @@ def roll_sequence(
 ) -> SequencePath:
     """Roll a `sequence` out from rest at `q` [n], without a break: velocities carry over from state to state.
 
-    **Arguments**: `robot`, whose policies they are; `T_world_object` [4, 4], where the object is, by default at the world's origin; `world`, what the
-    policies are told to avoid, by default nothing; `dt`, s, of a step; guards are looked at every tenth. `on_gripper`
-    is called with what the fingers are told: nothing else here moves them.
+    **Arguments**: `robot`, whose policies they are; `T_world_object` [4, 4], where the object is, by default at the
+    world's origin; `world`, what the policies are told to avoid, by default nothing; `dt`, s, of a step; guards are
+    looked at every tenth. `on_gripper` is called with what the fingers are told: nothing else here moves them.
     **Returns** a `SequencePath`. **Raises** `ShapeError` for another `q`, `ConfigurationError` for another `dt`.
     """
     q = np.asarray(q, np.float32)
