@@ -177,8 +177,8 @@ print(f"with the residual: {(reached < 0.03).sum()} of 64 arrive; {100 * reached
 #
 # The policy's certificate says that its energy V falls. An action puts energy in, and the environment keeps count: along
 # an episode V is at most what it was at first plus `put_in`. The certificate names what voids it, whatever the residual
-# was trained to be. A detour (`policies.find_detour`) is a potential, and gets round what it gets round with the
-# certificate whole: try it first, and a residual where it fails.
+# was trained to be. Try what keeps the certificate first: here a detour (`policies.find_detour`), a potential found by a
+# look ahead, gets past too ([recipes](../docs/guides/recipes.md)). A residual is for what no potential does.
 
 # %%
 energy, put_in = (np.asarray(part) for part in (after[1].energy, after[1].put_in))
