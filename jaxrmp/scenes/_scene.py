@@ -130,6 +130,13 @@ class Scene:
         """What the policy is told to avoid with the object at `T_world_object`, default at first. Here: nothing."""
         return World()
 
+    def moving_obstacles(self, data: Any, time: float) -> World | None:
+        """What the policy is told to avoid `time` seconds after the start of a trial, for obstacles that move by
+        themselves: this moves them in `data`, from MuJoCo's next step on, and tells where they are now, in a world of
+        as many slots as `obstacles`. Here, None: they stand still, as they do for `evaluate`.
+        """
+        return None
+
     def at(self, trial: Any) -> "Scene":
         """The scene as it is in `trial`, a `simulation.Trial`; the model is shared."""
         return replace(self, **{**dict(trial.changes), "T_world_object": check_rigid(trial.T_world_object)})
@@ -146,6 +153,7 @@ class Scene:
             data.joint(self.joint).qpos[0] = self.start
         if self.gripper is not None:
             self.move_gripper(data, "open")
+        self.moving_obstacles(data, 0.0)
         return data
 
     def data(self, q: np.ndarray) -> Any:

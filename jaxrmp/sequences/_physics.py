@@ -75,7 +75,7 @@ def run_sequence(
 
 def _run(live: LiveTrial, sequence: Sequence, policies: list[Any], on_gripper, progress) -> tuple[SequenceOutcome, End]:
     scene = live.scene
-    world, robot = single(scene.obstacles()), scene.robot
+    robot = scene.robot
     fast = DIVERGED * np.asarray(robot.velocity_limit)
     memory, book, step, end = Memory(), Book(), 0, End.UNFINISHED
     while not memory.ended:
@@ -83,7 +83,7 @@ def _run(live: LiveTrial, sequence: Sequence, policies: list[Any], on_gripper, p
         live.sense()
         q, qd = (np.asarray(part, np.float32) for part in live.state())
         target = np.asarray(state.target(live.T_seen), np.float32)
-        asked = ask(policy, robot, state.aim, target, world, q, qd)
+        asked = ask(policy, robot, state.aim, target, live.world, q, qd)
         book = book._replace(energy=book.energy.seeing(asked.energy))
         qdd = np.asarray(asked.qdd, float)
         if not np.isfinite(qdd).all() or (np.abs(qd) >= fast).any():
@@ -99,7 +99,7 @@ def _run(live: LiveTrial, sequence: Sequence, policies: list[Any], on_gripper, p
             if on_gripper is not None:
                 on_gripper(state.gripper)
         if left_state(memory, ahead):
-            book = book.turned(sequence, memory, ahead, asked.seen(live.time), policy.tree(target, world))
+            book = book.turned(sequence, memory, ahead, asked.seen(live.time), policy.tree(target, live.world))
         if progress is not None and step % 100 == 0:
             progress(live.time / sequence.limit)
         memory = ahead  # the next policy acts from the next step on

@@ -12,6 +12,7 @@ from .._task_map import check_rigid
 from ..kinematics import Robot
 from ..learning import Skill
 from ..policies import HandGoal, reaching_policy, whole_arm_policy
+from ..world import RobotSpheres
 from ._sequence import After, Aim, Arrived, State
 
 
@@ -24,15 +25,16 @@ def reach(
     *,
     turned: bool = True,
     rest: Any = None,
+    spheres: RobotSpheres | None = None,
     **settings: Any,
 ) -> State:
     """A state called `name` that takes a `frame` of the `robot` to `T_goal` [4, 4], by `policies.reaching_policy`.
 
-    **Arguments**: `guard`, when it is over; `turned`, whether the turn counts too, or is free; `rest`, as there;
-    `settings` of the `State`, such as `relative_to="world"` (by default the object) or `gripper`.
+    **Arguments**: `guard`, when it is over; `turned`, whether the turn counts too, or is free; `rest` and `spheres`, as
+    there; `settings` of the `State`, such as `relative_to="world"` (by default the object) or `gripper`.
     **Raises** as `reaching_policy` and `State`; `RigidTransformError` for a goal that is no pose.
     """
-    policy = reaching_policy(robot, frame, rest)
+    policy = reaching_policy(robot, frame, rest, spheres)
     if not turned:
         tasks = [replace(task, orientation=None) for task in policy.tasks if isinstance(task, HandGoal)]
         policy = replace(policy, tasks=tuple(tasks))
