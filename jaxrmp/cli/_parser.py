@@ -102,7 +102,7 @@ _COMMANDS: dict[str, tuple[str, str, str, list[tuple[str, dict[str, Any]]]]] = {
         ],
     ),
     "run": (
-        "run a skill, or a sequence of them, in physics",
+        "run a skill or a sequence in physics",
         "Trials in MuJoCo at 1 kHz with contacts and torque limits: first from every demonstration's "
         "start, then with seeded variations of them. What varies and what success is, the scene says: the drawer "
         "closed to 5 mm; the hand at the standoff pose to 1 cm and 10 degrees, nothing touched. Of a sequence: its "

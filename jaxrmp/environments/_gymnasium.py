@@ -31,6 +31,8 @@ class ResidualEnv(gymnasium.Env):
         return np.asarray(seen), {}
 
     def step(self, action):
+        if self._state is None:
+            raise gymnasium.error.ResetNeeded("reset() comes before step().")
         found = _step(self._environment, self._state, np.asarray(action, np.float32))
         self._state = found.state
         info = {name: np.asarray(value) for name, value in found.told._asdict().items()}
@@ -62,6 +64,8 @@ class ResidualVectorEnv(gymnasium.vector.VectorEnv):
         return np.asarray(seen), {}
 
     def step(self, actions):
+        if self._state is None:
+            raise gymnasium.error.ResetNeeded("reset() comes before step().")
         before = np.asarray(self._state.over)
         found = _step_all(self._environment, self._state, np.asarray(actions, np.float32))
         self._state = found.state

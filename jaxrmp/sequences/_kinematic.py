@@ -72,5 +72,5 @@ def roll_sequence(
         if left_state(memory, ahead):
             book = book.turned(sequence, memory, ahead, seen, policy.tree(target, world))
         memory = ahead
-    columns = (np.array(column) for column in zip(*samples, strict=True))
-    return SequencePath(*columns, book.outcome(memory, step * dt))
+    time, q, qd, states = (np.array(column) for column in zip(*samples, strict=True))
+    return SequencePath(time, q, qd, states, book.outcome(memory, step * dt))

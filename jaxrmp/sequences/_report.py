@@ -79,20 +79,19 @@ class Book(NamedTuple):
         """The book once the state of `memory`, whose policy is `tree`, was left for `ahead`, by what was `seen`."""
         over = len(ahead.past) > len(memory.past)
         state = sequence.states[memory.state]
-        aimed = state.aim is not None
-        told = over and ahead.past[-1].end != "timeout" and state.gripper is not None
+        told = state.gripper if over and ahead.past[-1].end != "timeout" else None
         report = StateReport(
             state=state.name,
             end=ahead.past[-1].end if over else _UNDER_WAY,
             seconds=seen.time - memory.began,
-            left_m=seen.distance if aimed else float("nan"),
-            turn_deg=float(np.degrees(seen.turn)) if aimed and state.aim.turned else float("nan"),
+            left_m=seen.distance if state.aim else float("nan"),
+            turn_deg=float(np.degrees(seen.turn)) if state.aim and state.aim.turned else float("nan"),
             energy_start=self.energy.start,
             energy_end=self.energy.last,
             energy_rise=self.energy.rise,
             energy_jump=0.0 if self.before is None else self.energy.start - self.before,
             uncertified=uncertified_leaves(tree),
-            gripper=state.gripper.width if told else None,
+            gripper=told.width if told else None,
         )
         return Book((*self.states, report), Energy(), self.energy.last)
 

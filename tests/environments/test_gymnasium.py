@@ -22,6 +22,9 @@ def test_it_passes_gymnasiums_own_check(environment):
 
 def test_many_at_once_are_those_of_one_and_begin_anew_with_the_next_step(environment):
     env, vector = gymnasium_env(environment), gymnasium_vector_env(environment, 4)
+    for each in (env, vector):
+        with pytest.raises(gymnasium.error.ResetNeeded, match="comes before"):
+            each.step(each.action_space.sample())
     seen, _ = vector.reset(seed=3)
     again, _ = vector.reset(seed=3)
     assert (seen == again).all() and seen.shape == vector.observation_space.shape == (4, 13)
