@@ -32,6 +32,7 @@ from ..learning import (
     prepare,
     preprocess,
 )
+from ..sequences import load_sequence
 from ..world import RobotSpheres, own_self_pairs, own_spheres
 from ._output import write_json
 from ._sources import RECORDED, find_demonstrations
@@ -112,6 +113,8 @@ def _kind(file: Path) -> tuple[str, Callable]:
         return "demonstrations", _demonstrations
     if file.suffix == ".toml" and file.is_file() and re.search(rb"^file *=", file.read_bytes(), re.MULTILINE):
         return "robot", _robot_file
+    if file.suffix == ".toml" and file.is_file() and re.search(rb"^\[\[ *state *\]\]", file.read_bytes(), re.MULTILINE):
+        return "sequence", _sequence
     recorded = dict.fromkeys((".hdf5", ".h5", ".bag", ".mcap", ".db3"), ("demonstrations", _demonstrations))
     kinds = {".toml": ("configuration", _configuration), ".npz": ("skill", _skill)}
     lula = dict.fromkeys((".xrdf", ".yaml", ".yml"), ("robot description (XRDF)", _xrdf))
@@ -199,6 +202,12 @@ def _pauses(joints: Preprocessed | None, found: _Findings) -> None:
     for k, report in enumerate(joints.reports if joints else ()):
         if report.paused:
             found.add("note", f"demonstration {k} pauses: {report.paused}. What is learned goes on instead.")
+
+
+def _sequence(arguments: argparse.Namespace, found: _Findings) -> None:
+    described = load_sequence(arguments.file)
+    found.read = {"states": [str(state["name"]) for state in described.content["state"]]}
+    found.read["skills"] = [skill.configuration.name for skill in described.skills if skill is not None]
 
 
 def _skill(arguments: argparse.Namespace, found: _Findings) -> None:

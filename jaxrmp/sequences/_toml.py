@@ -218,10 +218,9 @@ def _state(entry: dict[str, Any], skill: Skill | None, scene: Scene, rest: Any) 
     gripper = GripperMove(entry["gripper"], entry.get("gripper_seconds", 1.0)) if "gripper" in entry else None
     settings = {"gripper": gripper, "then": entry.get("then")}
     if skill is not None:
-        if skill.configuration.object:
-            scene.check_object(skill.configuration.object, skill.configuration.name)
-            return perform(entry["name"], skill, scene.robot, guard, **settings)
-        return perform(entry["name"], skill, scene.robot, guard, T_world_object=scene.T_world_object, **settings)
+        scene.check_object(skill.configuration.object, skill.configuration.name)
+        T = None if skill.configuration.object else scene.T_world_object
+        return perform(entry["name"], skill, scene.robot, guard, T_world_object=T, **settings)
     settings["relative_to"] = entry.get("relative_to", "object")
     R, turned = np.eye(3), True
     if "rpy_degrees" in entry:

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from jaxrmp import ConfigurationError
+from jaxrmp.cli import main
 from jaxrmp.sequences import After, Arrived, GripperMove, load_sequence
 
 from .conftest import START
@@ -88,3 +89,14 @@ def test_a_frame_that_the_robot_lacks_and_a_skill_that_is_not_there_are_named_wi
     file.write_text("limit = 3\n")
     with pytest.raises(ConfigurationError, match=r"has no states: write \[\[state\]\]"):
         load_sequence(file)
+
+
+def test_check_says_what_is_read_of_a_sequence_and_what_is_wrong(tmp_path, capsys):
+    file = tmp_path / "two.toml"
+    file.write_text(GOOD)
+    assert main(["check", str(file)]) == 0
+    said = capsys.readouterr().out
+    assert "two.toml: sequence" in said and "states: before, away" in said
+    file.write_text(GOOD.replace("seconds = 2", "seconds = -2"))
+    assert main(["check", str(file)]) == 1
+    assert "line 19: seconds is -2" in capsys.readouterr().out
