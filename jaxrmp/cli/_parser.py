@@ -253,6 +253,44 @@ _COMMANDS: dict[str, tuple[str, str, str, list[tuple[str, dict[str, Any]]]]] = {
             _argument("--stdin", "take lines from a pipe in place of a terminal"),
         ],
     ),
+    "calibrate": (
+        "find where a depth camera is, by the robot that it saw",
+        "Of depth images of a robot in several postures with known joints: the pose of the camera in the world of the "
+        "robot's model, from a rough guess. Written as TOML, which jaxrmp track takes as --camera, or into a copy of "
+        "the frames. Exit code 1 if the robot is not seen, or its postures do not fix the pose.",
+        "postures.npz --robot ur5.urdf --guess 1.0,0.2,0.9,-2.1,0.0,1.6 --out camera.toml",
+        [
+            _argument("FRAMES", "NPZ of depth images, with the robot's joints: docs/guides/depth_camera.md", type=Path),
+            _argument(
+                "--robot FILE", "panda, or an MJCF, URDF or TOML robot file with its geometry", required=True, type=str
+            ),
+            _argument(
+                "--guess POSE", "of the camera: x,y,z,roll,pitch,yaw or a file; default the frames' own", type=str
+            ),
+            _argument("--postures N", "images to use, as different as there are", 10),
+            _argument("--collision", "the robot looks as its collision geometry, not as its visual one"),
+            _argument("--out FILE", "write the pose: .toml, or .npz, the frames with it", required=True),
+        ],
+    ),
+    "track": (
+        "follow an object in recorded depth images",
+        "The pose and the joints of an object, of simple shapes or meshes, in each image of a file.",
+        "frames.npz --object cabinet.xml:cabinet --guess 0.6,0,0.4,0,0,3.1 --robot ur5.urdf --out estimates.npz",
+        [
+            _argument("FRAMES", "NPZ of depth images: docs/guides/depth_camera.md", type=Path),
+            _argument("--object FILE", "MJCF or URDF of the object, or FILE:BODY", required=True, type=str),
+            _argument(
+                "--guess POSE",
+                "of the object's base, within 5 cm and 15 degrees: x,y,z,roll,pitch,yaw, m and rad, or a file",
+                required=True,
+                type=str,
+            ),
+            _argument("--joints Q", "the object's joints at first, with commas between, default 0", type=str),
+            _argument("--robot FILE", "panda, or a robot file: what it hides is not looked at", type=str),
+            _argument("--camera FILE", "where the camera is, by jaxrmp calibrate; default the frames' own", type=str),
+            _argument("--out FILE", "write the estimates: .npz or .csv", required=True),
+        ],
+    ),
     "view": (
         "watch a policy run live in the browser, drag and push it",
         "A page on this machine, with the policy running at 1 kHz in it: drag its goal, its object and "

@@ -1,8 +1,14 @@
 """Articulated objects in depth images: a camera, its noise, models of objects, and a tracker of where they are."""
 
+from ._calibrate import Calibration as Calibration
+from ._calibrate import calibrate_camera as calibrate_camera
 from ._camera import Camera as Camera
 from ._evidence import Evidence as Evidence
 from ._evidence import evidence as evidence
+from ._frames import DepthFrames as DepthFrames
+from ._frames import open_frames as open_frames
+from ._frames_writer import AddFrame as AddFrame
+from ._frames_writer import frames_writer as frames_writer
 from ._noise import KINECT as KINECT
 from ._noise import PERFECT_DEPTH as PERFECT_DEPTH
 from ._noise import DepthNoise as DepthNoise
@@ -11,6 +17,7 @@ from ._noise import measured_depth as measured_depth
 from ._object_model import ObjectModel as ObjectModel
 from ._object_model import object_model as object_model
 from ._render import depth_renderer as depth_renderer
+from ._robot_object import robot_object as robot_object
 from ._robot_seen import robot_spheres as robot_spheres
 from ._settings import ObjectTrackerSettings as ObjectTrackerSettings
 from ._track import Estimate as Estimate

@@ -72,6 +72,7 @@ LAYERS = {
         "hardware",
         "io",
         "leaves",
+        "perception",
         "kinematics",
         "learning",
         "policies",
