@@ -163,9 +163,14 @@ def _subtasks(subtasks: Iterable[Mapping[str, Any]]) -> list[str]:
 
 
 def run_page(
-    report: Mapping[str, Any], made_by: Mapping[str, Any], figures: Mapping[str, tuple[bytes, str]], path: Path
+    report: Mapping[str, Any],
+    made_by: Mapping[str, Any],
+    figures: Mapping[str, tuple[bytes, str]],
+    path: Path,
+    video: Path | None = None,
 ) -> Path:
-    """Write how trials in physics went, with the pictures, for a person; `report` is what `run --json` writes."""
+    """Write how trials in physics went, with the pictures and the `video`, for a person; `report` is what `run --json`
+    writes."""
     parts = [
         paragraph(
             f"{report['successes']} of {report['trials']} trials succeeded in scene {report['scene']}, in MuJoCo at "
@@ -195,6 +200,7 @@ def run_page(
                 ),
             },
         ),
+        *([_page.video(video, "The first trials, one after the other, in real time.")] if video else []),
         _page.pictures(figures),
         _page.settings(report, ("settings",)),
         _page.settings(made_by, ("configuration", "versions")),

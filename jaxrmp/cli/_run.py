@@ -95,7 +95,7 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
                 settings = {"skill": str(arguments.skill), "learned_from": skill.source}
                 settings |= {name: getattr(arguments, name) for name in (*_DECISIVE, *_OF_CAMERA, *tracking)}
                 figures = pictures_in(drawn) or _figures(result, prepared, reproduction)
-                run_page({**report, "settings": settings}, made, figures, page)
+                run_page({**report, "settings": settings}, made, figures, page, arguments.video)
     print(outcome_table(report))
     if diverged := [t["trial"] for t in report["per_trial"] if t["diverged"]]:
         tell(f"{len(diverged)} of {len(trials)} trials diverged: {diverged}. Replay one with --trial K.")
