@@ -213,8 +213,8 @@ def _paths(report: Mapping[str, Any]) -> str:
     if mean is None:
         return "No trial starts as a demonstration did, so there is no path to compare."
     return (
-        f"{report['trials_compared']} trials start as a demonstration did. Their paths are {mean['dtw_cm']:.2f} cm "
-        f"(DTW) and {mean['frechet_cm']:.2f} cm (Fréchet) from it in the mean, in the object's frame."
+        f"Trials that start as a demonstration did: {report['trials_compared']}. In the mean their paths are "
+        f"{mean['dtw_cm']:.2f} cm (DTW) and {mean['frechet_cm']:.2f} cm (Fréchet) from it, in the object's frame."
     )
 
 

@@ -225,8 +225,8 @@ def outcome_table(report: dict[str, Any]) -> str:
         lines.append(seen_in_words(seen))
     if mean := report["path"]:
         lines.append(
-            f"{report['trials_compared']} trials start as a demonstration did; their ways are {mean['dtw_cm']:.2f} cm "
-            f"(DTW) and {mean['frechet_cm']:.2f} cm (Frechet) from it in the mean"
+            f"trials that start as a demonstration did: {report['trials_compared']}; in the mean their ways are "
+            f"{mean['dtw_cm']:.2f} cm (DTW) and {mean['frechet_cm']:.2f} cm (Frechet) from it"
         )
     else:
         lines.append("no trial starts as a demonstration did: there is no way to compare (dtw_cm, frechet_cm)")
