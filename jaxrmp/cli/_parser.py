@@ -7,7 +7,7 @@ from typing import Any
 from .. import __version__
 from ..scenes import SCENES
 
-EXIT_CODES = "exit codes: 0 done, 1 error (explained), 2 wrong usage, 130 interrupted"
+EXIT_CODES = "exit codes: 0 done, 1 error (explained), 2 wrong usage, 130 interrupted, 143 terminated"
 TASKS = ("drawer_closing", "door_reaching")
 _SCENE = f"{', '.join(SCENES)}, or your own: FILE.py or FILE.py:FUNCTION"
 _DEMOS = "demonstrations, a folder or a file, or synthetic:TASK; default "
@@ -171,6 +171,7 @@ _COMMANDS: dict[str, tuple[str, str, str, list[tuple[str, dict[str, Any]]]]] = {
             _argument("--tolerance M", "distance from the targets that counts", 0.01),
             _argument("--batch N", "starts at a time", 1024),
             _argument("--json FILE", "write the report as JSON, and its page beside it"),
+            _argument("--resume", "go on with an evaluation to this --json that was cut short"),
             _argument("--html FILE", "write the page, default beside --json"),
             _argument("--strict", "exit code 1 if any start fails or diverges"),
             _argument("--replay INDEX", "roll out from this one start again and say how"),
