@@ -16,7 +16,7 @@ from .._pytree import single
 from ..perception import DepthTracker
 from ..policies import FoundDetour, find_detour, whole_arm_policy
 from ..scenes import Scene
-from ._camera import camera_report, check_camera, noise_of, scene_camera
+from ._camera import camera_report, camera_spheres, check_camera, noise_of, scene_camera
 from ._camera_words import seen_in_words
 from ._output import aligned, made_by, progress_bar, tell, write_json
 from ._report_pages import FIGURES, pictures_in, run_page
@@ -138,7 +138,7 @@ def _tracker(
 ) -> contextlib.AbstractContextManager[DepthTracker | simulation.TrackerSettings | None]:
     """What tells the policy where the object is, within which it does."""
     if arguments.camera:
-        return scene_camera(arguments, skill, scene, prepared)
+        return scene_camera(arguments, scene, prepared, camera_spheres(skill, scene))
     needed = arguments.tracker == "auto" and (skill.configuration.object or arguments.displace)
     return contextlib.nullcontext(noise_of(arguments) if arguments.tracker == "on" or needed else None)
 

@@ -2,6 +2,7 @@
 
 import argparse
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -12,12 +13,19 @@ from ..kinematics import Robot
 from ..learning import Demonstration, prepare
 from ..learning._demonstrations import check_demonstration
 from ..viewer import Recording, Viewer, reach_content, skill_content
+from ..visualization import prepare_headless
+from ._camera import camera_spheres, check_place, scene_camera
 from ._output import tell
 from ._pages import show
 from ._sources import demonstrations_of, robot_of, scene_of, skill_and_robot
 
 
 def run(arguments: argparse.Namespace, rest: list[str]) -> None:
+    check_place(arguments)
+    if arguments.camera:
+        if arguments.skill is None or not arguments.scene:
+            raise ConfigurationError("--camera looks for the object of a scene: give SKILL and --scene SCENE with it.")
+        prepare_headless()
     hint = "Drag the goal of {hand}, push the arm, turn its gains."
     show(lambda progress: _viewer(arguments, progress), arguments, hint)
 
@@ -55,6 +63,13 @@ def _viewer(arguments: argparse.Namespace, progress: Callable[[str, float], None
     progress("covering", 0.1)
     balls = (0 if place is not None else 1) if arguments.balls is None else arguments.balls
     content = skill_content(skill, robot, prepared, scene=place, balls=balls)
+    if place is not None and arguments.camera:
+        if not place.object:
+            raise ConfigurationError(f"--camera depth: scene {place.name!r} has no object to look for. Leave it out.")
+        spheres = camera_spheres(skill, place)
+        content = content._replace(
+            camera=partial(scene_camera, arguments, place, prepared, spheres), camera_spheres=spheres
+        )
     progress("drawing", 0.4)
     replayed = _recording(arguments.replay, robot)
     return Viewer(content, arguments.port, skill=skill, prepared=prepared, replayed=replayed)

@@ -97,6 +97,11 @@ class LiveLoop:
         return self._steps * STEP if running else np.inf
 
     @property
+    def q(self) -> np.ndarray:
+        """Where the arm is, [n], before the first frame too."""
+        return np.asarray(self._motion.q)
+
+    @property
     def replaying(self) -> bool:
         """Whether the arm follows a path."""
         return self._follow is not None

@@ -14,6 +14,7 @@ from .._pytree import single
 from ..simulation import Motion
 from ..world import Spheres, World
 from ._arm import ArmView
+from ._depth import DepthView
 from ._furniture import FurnitureView, camera_of
 from ._inputs import GainSliders, LeafSwitches
 from ._lines import Trace
@@ -36,7 +37,9 @@ class Content(NamedTuple):
     """What a session is about. `policy`, with `robot` and `tree(T_world_target, world)`; `T_world_target` [4, 4] and
     `target`, what it is called; `world`, whose capsules can be dragged; `q` [n], where the arm starts; `hand`, its last
     frame; `furniture`, a `scenes.Scene` or None; `balls` [N, 3], draggable obstacles, how many of them are `shown` at
-    first; `frames`, more of the robot's to be drawn; `labels`, of the first leaves, in place of their names."""
+    first; `frames`, more of the robot's to be drawn; `labels`, of the first leaves, in place of their names; `camera`,
+    a function without arguments, within whose result there is a `perception.DepthTracker` over the furniture, by which
+    alone the policy knows where the object is, and `camera_spheres`, which hold the robot as the camera sees it."""
 
     policy: Any
     T_world_target: np.ndarray
@@ -49,6 +52,8 @@ class Content(NamedTuple):
     shown: int = 0
     frames: tuple[str, ...] = ()
     labels: tuple[str, ...] = ()
+    camera: Any = None
+    camera_spheres: Any = None
 
 
 class Session:
@@ -108,6 +113,11 @@ class Session:
         tabs = server.gui.add_tab_group()
         with tabs.add_tab("Scene"):
             self.shown = self._show_controls(server)
+            self.depth = None
+            if content.camera is not None:
+                with server.gui.add_folder("Depth camera"):
+                    given = content.furniture, content.camera, content.camera_spheres
+                    self.depth = DepthView(server, *given, lambda: (self.loop.q, pose_of(self.target)))
             with server.gui.add_folder("Push the arm"):
                 self.push = PushGizmo(server, np.zeros(3))
             if len(content.balls) or content.world.size:
@@ -148,10 +158,16 @@ class Session:
 
     def start(self) -> None:
         """Compile the policy and begin to run and draw it."""
+        if self.depth is not None:
+            self.depth.start()
         with ThreadPoolExecutor(1) as other:  # two programs, on two cores
             looked = other.submit(self._examined, self.read(), self.content.q, np.zeros_like(self.content.q))
             self.loop.prepare()
             looked.result()
+        if self.depth is not None:
+            self.depth.ready.wait()
+            if self.depth.failure is not None:
+                raise self.depth.failure
         self.loop.start()
         self._threads = [
             threading.Thread(target=self._guarded, args=(work,), name=work.__name__, daemon=True)
@@ -164,6 +180,8 @@ class Session:
         """End it all; the page shows that it is gone."""
         self._end.set()
         self.loop.stop()
+        if self.depth is not None:
+            self.depth.stop()
         for thread in getattr(self, "_threads", []):
             if thread is not threading.current_thread():
                 thread.join(timeout=60.0)  # one that compiles cannot be ended sooner
@@ -174,7 +192,7 @@ class Session:
         closed. **Raises** what ended it otherwise."""
         last_seen = time.monotonic()
         while not self._end.wait(0.2):
-            failure = self._failure or self.loop.failure
+            failure = self._failure or self.loop.failure or (self.depth and self.depth.failure)
             if failure is not None:
                 raise failure
             if self.server.get_clients():
@@ -210,6 +228,7 @@ class Session:
         self.loop.speed = float(self.speed.value)
         policy = self.policy()
         T = pose_of(self.target)
+        T = T if self.depth is None else self.depth.told(T)
         world = self.obstacles.read(self.loop.passed()) if self.obstacles else self.content.world
         shares, push = self.switches.read(), self.push.read()
         kept = self._kept
@@ -224,6 +243,12 @@ class Session:
     def pose(self, frame: Frame, name: str) -> np.ndarray:
         """The pose [4, 4] at `frame` of the arm's drawn frame `name`."""
         return frame.poses[self.arm.frames.index(name)]
+
+    def object_pose(self, frame: Frame) -> np.ndarray:
+        """Where the object is at `frame`, [4, 4], whatever the policy was told."""
+        if self.depth is not None:
+            return pose_of(self.target)
+        return np.asarray(frame.situation.T_world_target, float)
 
     def _guarded(self, work: Any) -> None:
         try:
@@ -259,7 +284,7 @@ class Session:
         hand = self.pose(frame, self.content.hand)[:3, 3]
         self.push.follow(frame.time, hand)
         if self.furniture is not None:
-            self.furniture.move(np.asarray(frame.situation.T_world_target, float))
+            self.furniture.move(self.object_pose(frame))
         if "collision spheres" in self.shown:
             self.arm.show_spheres(bool(self.shown["collision spheres"].value))
         self.trace.show(bool(self.shown["hand's trace"].value))
@@ -298,8 +323,7 @@ class Session:
             gaps = dict(zip(self.switches.names, found.gap.tolist(), strict=True))
             distances = {name: gaps.get(leaf, _FAR) for name, leaf in _DISTANCES.items()}
             if self.furniture:
-                T = np.asarray(frame.situation.T_world_target, float)
-                distances["to furniture"] = self.furniture.clearance(frame.q, T)
+                distances["to furniture"] = self.furniture.clearance(frame.q, self.object_pose(frame))
             near = [min(distances[name], _FAR) for name in self._distances]
             self.plots.add(frame.time, energies, found.share, near)
         void = ", ".join(found.uncertified)
