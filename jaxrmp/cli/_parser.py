@@ -33,7 +33,11 @@ def _argument(name: str, help: str, default: Any = None, **settings: Any) -> tup
 
 
 _PAGE = (
-    _argument("--port P", "on 127.0.0.1; default 8080, 0 for any", 8080),
+    _argument("--port P", "of the page; default 8080, 0 for any", 8080),
+    _argument("--host ADDRESS", "to listen at; any but this machine's own needs --password", "127.0.0.1"),
+    _argument(
+        "--password WORD", "ask for it before the page is shown (8 characters at least; not encrypted)", type=str
+    ),
     _argument("--until-closed", "end when the page is closed, not by Ctrl-C only"),
 )
 _RECORDED = (
@@ -283,7 +287,12 @@ _COMMANDS: dict[str, tuple[str, str, str, list[tuple[str, dict[str, Any]]]]] = {
             _argument(
                 "--replay FILE", "play a demo_K.npz first, such as a log of jaxrmp drive; the policy takes over then"
             ),
-            _argument("--balls N", "draggable obstacles, default 1, in a scene 0", choices=(0, 1, 2)),
+            _argument(
+                "--balls N",
+                "obstacles at first, of the three that there can be: default 1, in a scene none yet; 0: none at all",
+                choices=(0, 1, 2, 3),
+            ),
+            _argument("--gains FILE", "begin with the gains of this TOML file, as the page saves them"),
             *_PAGE,
         ],
     ),
