@@ -75,7 +75,8 @@ class Guard:
             return await _reply(writer, "403 Forbidden")  # another site's page in the browser of somebody who may
         if not known and not socket:
             cookie = f"Set-Cookie: {self._cookie}={self._token}; HttpOnly; SameSite=Strict; Path=/"
-            back = path if path.startswith("/") and not path.startswith("//") else "/"
+            # In full, so that a name and password that stood in the address stand there no more: viser fails on them.
+            back = f"http://{headers.get('host', '')}{path if path.startswith('/') else '/'}"
             return await _reply(writer, "303 See Other", f"Location: {back}", cookie)
         ours = ("authorization", "cookie", "connection")
         kept = [line for line, (name, _) in zip(lines, pairs, strict=True) if name and name not in ours]

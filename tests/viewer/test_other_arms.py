@@ -104,6 +104,6 @@ def test_the_hand_goes_where_its_goal_is_dragged_and_the_arm_keeps_off_the_ball(
     page.on_frame = lambda: None
     ball[0, 3] = np.nan
     page.drag("/obstacle_1", ball)
-    page.page.get_by_text("1 obstacle not finite, ignored").wait_for()
+    page.page.get_by_text("1 obstacle not finite, ignored").first.wait_for()
     page.wait(lambda: missed() < 0.004, "the hand to come back", 60)
     assert page.errors == []

@@ -161,7 +161,7 @@ def test_the_session_outlives_its_page_and_can_be_told_to_end_with_it(viewer, pa
 
 
 def test_distances_to_the_furniture_and_of_the_arm_to_itself_are_plotted(viewer, page_of):
-    assert viewer._distances == ("to furniture", "to itself")
+    assert viewer._distances == ("to itself", "to furniture")
 
     def measured() -> bool:
         rows = list(viewer.plots._distances._rows)
