@@ -15,12 +15,13 @@ def lacking(names: tuple[str, ...], wanted: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(what for what in wanted if AVOIDS[what] not in names)
 
 
-def banners(names: tuple[str, ...], wanted: tuple[str, ...], spheres: bool) -> list[str]:
-    """What to say at the top of a page that offers the `wanted` distances, of a policy with leaves of these `names`;
-    `spheres`, whether its arm has any."""
-    missing = lacking(names, wanted)
-    said = [] if spheres or not missing else ["The arm has no collision spheres: it avoids nothing."]
-    return said + [f"The policy has no leaf {AVOIDS[what]}: {_LOSES[what]}. Not checked." for what in missing]
+def banners(names: tuple[str, ...], offered: tuple[str, ...], spheres: bool) -> list[str]:
+    """What to say at the top of a page that has things to keep off, the `offered` distances, of a policy with leaves of
+    these `names`; `spheres`, whether its arm has any."""
+    if not spheres:
+        return ["The arm has no collision spheres: it avoids nothing, and distances are not checked."]
+    missing = lacking(names, offered)
+    return [f"The policy has no leaf {AVOIDS[what]}: {_LOSES[what]}. Not checked." for what in missing]
 
 
 def avoidance_words(

@@ -3,7 +3,6 @@
 import threading
 import time
 from collections import deque
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -80,7 +79,7 @@ class Session:
         self._opened = threading.Event()  # whether there ever was a page
         server.on_client_connect(lambda _: self._opened.set())
         self._failure: BaseException | None = None
-        self._said = ""  # of the goal and of what is avoided
+        self._said = "leaves and distances: not checked yet"  # of the goal and of what is avoided
         self._resting = Resting()
         try:
             self._build(server, folder)
@@ -110,8 +109,9 @@ class Session:
         self.trace = Trace(server)
         self.status = server.gui.add_markdown("compiling the policy ...")
         looks = [f"The arm is {self.arm.note}"] if self.arm.note else []
-        self._wanted = (("to obstacles",) if world.size else ()) + ("to itself",)
-        told = looks + banners(names, self._wanted, spheres is not None)
+        offered = ("to obstacles",) if world.size else ()
+        self._wanted = (*offered, "to itself")
+        told = looks + banners(names, offered, spheres is not None)
         self.notes = [server.gui.add_markdown(f"**{note}**") for note in told]
         self.play = server.gui.add_button("Pause", icon="player-pause")
         self.reset = server.gui.add_button("Reset", icon="player-skip-back")
@@ -170,21 +170,18 @@ class Session:
         """Compile the policy and begin to run and draw it."""
         if self.depth is not None:
             self.depth.start()
-        with ThreadPoolExecutor(1) as other:  # two programs, on two cores
-            looked = other.submit(self._examined, self.read(), self.content.q, np.zeros_like(self.content.q))
-            self.loop.prepare()
-            looked.result()
+        looking = threading.Thread(target=self._guarded, args=(self._look,), name="_look", daemon=True)
+        self._first = self.read()
+        looking.start()  # two programs, on two cores; the arm moves as soon as its own is there
+        self.loop.prepare()
         if self.depth is not None:
             self.depth.ready.wait()
             if self.depth.failure is not None:
                 raise self.depth.failure
         self.loop.start()
-        self._threads = [
-            threading.Thread(target=self._guarded, args=(work,), name=work.__name__, daemon=True)
-            for work in (self._draw, self._look)
-        ]
-        for thread in self._threads:
-            thread.start()
+        drawing = threading.Thread(target=self._guarded, args=(self._draw,), name="_draw", daemon=True)
+        drawing.start()
+        self._threads = [looking, drawing]
 
     def stop(self) -> None:
         """End it all; the page shows that it is gone."""
@@ -308,6 +305,8 @@ class Session:
 
     def _look(self) -> None:
         """Ask the leaves what they do, a few times a second, and plot it."""
+        self._examined(self._first, self.content.q, np.zeros_like(self.content.q))
+        self.loop.ready.wait()
         at = time.monotonic()
         while not self._end.is_set():
             frame = self.loop.frame

@@ -43,7 +43,10 @@ def test_only_who_gives_the_password_gets_the_page_and_its_websocket(opened):
     assert ask(opened, Authorization=basic("wrong"))[0] == 401
     assert time.monotonic() - begun > 0.9  # a guess costs a second, so that nobody makes many
     status, found = ask(opened, "/index.html", Authorization=basic(WORD))
-    assert (status, found["Location"]) == (303, f"http://127.0.0.1:{opened.port}/index.html") and "HttpOnly; SameSite=Strict" in found["Set-Cookie"]
+    assert (status, found["Location"]) == (
+        303,
+        f"http://127.0.0.1:{opened.port}/index.html",
+    ) and "HttpOnly; SameSite=Strict" in found["Set-Cookie"]
     cookie = {"Cookie": found["Set-Cookie"].partition(";")[0]}
     assert ask(opened, **cookie)[0] == 200
     assert ask(opened, method="POST", **cookie)[0] == 405

@@ -341,10 +341,13 @@ def test_time_that_was_lost_is_told_for_five_seconds():
 def test_the_page_says_what_is_not_checked_and_never_that_all_is_well():
     both, names = ("to obstacles", "to itself"), ("posture", "self_collision")
     assert banners((*names, "collision_avoidance"), both, True) == []
-    assert banners(names, both, True) == [
+    assert banners(names, both[:1], True) == [
         "The policy has no leaf collision_avoidance: nothing keeps it off the obstacles on this page. Not checked."
     ]
-    assert banners(("posture",), both, False)[0] == "The arm has no collision spheres: it avoids nothing."
+    assert banners(("posture",), (), True) == []
+    assert banners(("posture",), both, False) == [
+        "The arm has no collision spheres: it avoids nothing, and distances are not checked."
+    ]
     assert avoidance_words(names, both, np.ones(2), {}, 0) == "to obstacles: not checked"
     assert avoidance_words(names, ("to itself",), np.ones(2), {"self_collision.barrier": 1.0}, 0) == ""
     assert "self_collision is switched off" in avoidance_words(names, both, np.array([1.0, 0.0]), {}, 0)
