@@ -2,7 +2,7 @@
 
 import argparse
 import contextlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -192,6 +192,12 @@ def report_dict(result: simulation.Run, first: int = 0, paths: Paths | None = No
     return {"scene": result.scene.name, **counts, "path": mean if compared else None, "per_trial": per_trial}
 
 
+def clearance_in_words(trial: Mapping[str, Any]) -> str:
+    """The least clearance of a trial, mm, or that there was nothing to check."""
+    least = trial["min_clearance_m"]
+    return f"{1000 * least:.1f}" if np.isfinite(least) else "not checked"
+
+
 def outcome_table(report: dict[str, Any]) -> str:
     """All trials as a table, a line each, and what to know about torques and speeds."""
     head = ["trial", "success", "error_mm", "angle_deg", "clearance_mm", "time_s", "dtw_cm", "frechet_cm", "reason"]
@@ -204,7 +210,7 @@ def outcome_table(report: dict[str, Any]) -> str:
                 "yes" if trial["success"] else "no",
                 f"{1000 * trial['final_error_m']:.1f}",
                 "-" if np.isnan(trial["final_angle_deg"]) else f"{trial['final_angle_deg']:.1f}",
-                f"{1000 * trial['min_clearance_m']:.1f}",
+                clearance_in_words(trial),
                 f"{trial['time_s']:.1f}",
                 *(f"{path[name]:.2f}" if path else "-" for name in ("dtw_cm", "frechet_cm")),
                 trial["reason"],

@@ -8,20 +8,23 @@ _THERE, _STILL, _LONG = 0.01, 0.02, 1.0  # m; rad/s or m/s, below which nothing 
 _NEAR = 0.03  # m, within which something may hold the arm off
 
 
-def goal_words(distance: float, resting: bool, near: dict[str, float]) -> str:
+def goal_words(distance: float, resting: bool, near: dict[str, float], off: bool = False) -> str:
     """What to say of a goal at a `distance`, m, NaN where there is none: whether the arm is there, on the way, or
-    `resting` away from it; then what is near, of smallest distances `near`, m, by what they are to."""
+    `resting` away from it; then why: leaves are switched `off`, or something is near, of smallest distances `near`, m,
+    by what they are to, or it is out of reach."""
     if not np.isfinite(distance):
         return "distance to the goal: not checked"
-    off = f"{1000 * distance:.1f} mm" if distance < 0.1 else f"{100 * distance:.0f} cm"
+    away = f"{1000 * distance:.1f} mm" if distance < 0.1 else f"{100 * distance:.0f} cm"
     if distance < _THERE:
-        return f"at the goal: {off} off"
+        return f"at the goal: {away} off"
     if not resting:
-        return f"{off} to the goal"
+        return f"{away} to the goal"
+    if off:
+        return f"**at rest {away} from the goal**: leaves are switched off"
     close = [f"{1000 * d:.0f} mm {what}" for what, d in near.items() if d < _NEAR]
     if close:
-        return f"**at rest {off} from the goal, held off**: {', '.join(close)}"
-    return f"**at rest {off} from the goal: out of reach from here**"
+        return f"**at rest {away} from the goal, held off**: {', '.join(close)}"
+    return f"**at rest {away} from the goal: out of reach from here**"
 
 
 class Resting:

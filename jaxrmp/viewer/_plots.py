@@ -64,7 +64,8 @@ class Chart:
             shown = shown[np.isfinite(shown)]
             if not self._fixed and shown.size:
                 low, high = float(shown.min()), float(shown.max())
-                limits = (-round_end(-low) if low < -0.01 * high else 0.0, round_end(high))
+                # A little beyond, so that the last tick is there in full.
+                limits = (-1.05 * round_end(-low) if low < -0.01 * high else 0.0, 1.05 * round_end(high))
                 if limits != self._limits:
                     self._limits = limits
                     self._plot.scales = self._scales()

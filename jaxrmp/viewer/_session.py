@@ -142,7 +142,7 @@ class Session:
             self.switches = LeafSwitches(server, names, content.hints)
         missing = lacking(names, self._wanted)
         self._distances = tuple(what for what in self._wanted if what not in missing)
-        self._distances += ("to furniture",) if self.furniture else ()
+        self._distances += ("to furniture",) if self.furniture and content.furniture.keeps_off else ()
         self.plots = Plots(server, names, self._distances)
         self._kept = _Kept()
         self.loop = LiveLoop(self.read, content.q, self.arm.frames, content.hand, self.on_frame, self.notify)
@@ -335,7 +335,7 @@ class Session:
         avoided = tuple(what for what in self._wanted if what != "to obstacles" or there)
         shares, ignored = np.asarray(frame.situation.shares), int(found.ignored)
         lost = avoidance_words(names, avoided, shares, self.gains.values, ignored)
-        self._said = goal_words(float(found.goal), resting, near) + (f" · **{lost}**" if lost else "")
+        self._said = goal_words(float(found.goal), resting, near, not shares.all()) + (f" · **{lost}**" if lost else "")
         energy = energy_words(found.uncertified, watched.energy, watched.violations)
         self.plots.certificate.content = energy + (f" · **{lost}**" if lost else "")
 

@@ -363,6 +363,7 @@ def test_the_way_to_the_goal_is_told_in_words():
     assert goal_words(0.123, False, {}) == "12 cm to the goal"
     assert goal_words(0.123, True, {"to obstacles": 0.2}) == "**at rest 12 cm from the goal: out of reach from here**"
     assert "held off**: 12 mm to obstacles" in goal_words(0.05, True, {"to obstacles": 0.012})
+    assert goal_words(0.05, True, {}, off=True).endswith("**: leaves are switched off")
     assert goal_words(np.nan, True, {}) == "distance to the goal: not checked"
     rest = Resting()
     seen = [rest.see(t, np.full(2, v), False) for t, v in ((0, 0.5), (1, 0.0), (1.9, 0.0), (2.0, 0.0), (2.1, 0.3))]
