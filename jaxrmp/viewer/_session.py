@@ -142,7 +142,7 @@ class Session:
             self.switches = LeafSwitches(server, names, content.hints)
         missing = lacking(names, self._wanted)
         self._distances = tuple(what for what in self._wanted if what not in missing)
-        self._distances += ("to furniture",) if self.furniture and content.furniture.keeps_off else ()
+        self._distances += ("to furniture",) if content.furniture is not None and content.furniture.keeps_off else ()
         self.plots = Plots(server, names, self._distances)
         self._kept = _Kept()
         self.loop = LiveLoop(self.read, content.q, self.arm.frames, content.hand, self.on_frame, self.notify)

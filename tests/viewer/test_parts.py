@@ -275,6 +275,19 @@ def test_the_loop_tells_the_watch_of_a_change_from_outside_and_of_no_other(monke
     assert told == [True, False, True, False]
 
 
+def test_a_page_says_at_its_top_that_its_policy_avoids_nothing_and_draws_no_distance():
+    pytest.importorskip("viser")
+    from jaxrmp.viewer import Viewer, reach_content
+
+    content = reach_content(balls=1, self_collision=False)
+    viewer = Viewer(content._replace(policy=replace(content.policy, spheres=None)), port=0)
+    try:
+        assert ["avoids nothing" in note.content for note in viewer.notes] == [True]
+        assert viewer._distances == () and "collision_avoidance" not in viewer.switches.names
+    finally:
+        viewer.stop()
+
+
 def sizes(world):
     """What must not change, for nothing to be compiled again."""
     return jax.tree.structure(world), [np.shape(leaf) for leaf in jax.tree.leaves(world)]

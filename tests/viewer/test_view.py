@@ -63,6 +63,7 @@ def test_the_page_loads_the_arm_moves_and_follows_the_handle(viewer, page_of, tm
     page.wait(lambda: missed(viewer) > 0.03, "the page's drag to arrive")
     page.wait(lambda: missed(viewer) < 0.01, "the hand at the moved handle", 90)
     assert np.abs(np.asarray(viewer.loop.frame.situation.T_world_target) - moved).max() < 1e-3
+    page.page.get_by_text("at the goal").first.wait_for()
     page.picture(tmp_path / "view.png")
     assert len(page.received) > 20
     assert page.errors == []
