@@ -141,7 +141,7 @@ class SceneTracker:
 
     def __init__(self, arm: MujocoArm, tracker: Tracker | None = None, seed: int = 0):
         self._arm, self._tracker, self._number = arm, tracker, 0
-        self._sight = None if tracker is None else tracker.start(arm.scene, arm.data, (seed,))
+        self._sight: Any = None if tracker is None else tracker.start(arm.scene, arm.data, (seed,))
         self._last = arm.scene.object_pose(arm.data)
 
     def newest(self) -> Sighting:
