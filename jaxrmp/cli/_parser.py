@@ -79,7 +79,9 @@ _COMMANDS: dict[str, tuple[str, str, str, list[tuple[str, dict[str, Any]]]]] = {
         "after CONFIG as --KEY VALUE, sections with dots.",
         "configs/drawer_closing.toml --out out/drawer --metric.updates 500",
         [
-            _argument("CONFIG", "TOML configuration, such as configs/drawer_closing.toml"),
+            _argument(
+                "CONFIG", "TOML configuration, or the name of an example: drawer_closing, door_reaching, openbox"
+            ),
             _argument(
                 "--demos DIR", _DEMOS + "$JAXRMP_DATA/franka/NAME or poses/NAME.npz if set, else synthetic", type=str
             ),
