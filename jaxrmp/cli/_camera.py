@@ -43,6 +43,12 @@ def check_place(arguments: argparse.Namespace) -> None:
         raise ConfigurationError("--camera-distance and --camera-at: give one of both.")
 
 
+def check_looked_for(scene: Scene) -> None:
+    """**Raises** `ConfigurationError` for a scene without an object."""
+    if not scene.object:
+        raise ConfigurationError(f"--camera depth: scene {scene.name!r} has no object to look for. Run it without.")
+
+
 def noise_of(arguments: argparse.Namespace) -> TrackerSettings:
     """The tracker's noise as the command line has it."""
     return TrackerSettings(**{name: getattr(arguments, f"tracker_{name}") for name in _OF_NOISE})
@@ -60,8 +66,7 @@ def scene_camera(
 
     **Raises** `ConfigurationError` for a scene without an object, `NoGeometryError` for shapes that cannot be seen.
     """
-    if not scene.object:
-        raise ConfigurationError(f"--camera depth: scene {scene.name!r} has no object to look for. Run it without.")
+    check_looked_for(scene)
     model = object_model(scene.model, scene.object)
     camera = _placed(arguments, model, scene, prepared, spheres)
     with depth_tracker(scene, model, camera, spheres) as tracker:

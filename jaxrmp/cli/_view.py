@@ -16,7 +16,7 @@ from ..viewer import Content, Recording, Viewer, reach_content, skill_content
 from ..viewer._gain_file import with_gains_of
 from ..viewer._obstacles import SLOTS
 from ..visualization import prepare_headless
-from ._camera import camera_spheres, check_place, scene_camera
+from ._camera import camera_spheres, check_looked_for, check_place, scene_camera
 from ._output import tell
 from ._pages import access_of, show
 from ._sources import demonstrations_of, robot_of, scene_of, skill_and_robot
@@ -68,8 +68,7 @@ def _viewer(arguments: argparse.Namespace, progress: Callable[[str, float], None
     balls = (0 if place is not None else 1) if arguments.balls is None else arguments.balls
     content = skill_content(skill, robot, prepared, scene=place, balls=balls, slots=_slots(arguments))
     if place is not None and arguments.camera:
-        if not place.object:
-            raise ConfigurationError(f"--camera depth: scene {place.name!r} has no object to look for. Leave it out.")
+        check_looked_for(place)
         spheres = camera_spheres(skill, place)
         content = content._replace(
             camera=partial(scene_camera, arguments, place, prepared, spheres), camera_spheres=spheres
