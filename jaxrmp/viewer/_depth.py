@@ -106,6 +106,13 @@ class DepthView:
         """The pose [4, 4] that the policy gets: that seen last, or before any image the one given."""
         return T_world_object if self.sight is None else self.sight.seen
 
+    @property
+    def by(self) -> str:
+        """By what the policy knows of its goal, to be added to words about it."""
+        if self.sight is None or not self.sight.lost:
+            return ", by what the camera sees"
+        return ", by a guess" if np.isinf(self.sight.since) else ", **by what the camera saw last**"
+
     def _run(self) -> None:
         if sys.platform == "linux":
             os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), _NICE)

@@ -30,6 +30,13 @@ class Access(NamedTuple):
         except ValueError:
             return False
 
+    @property
+    def name(self) -> str:
+        """What the page's address calls the host: this machine's name where it listens at all of its addresses."""
+        if self.host in ("0.0.0.0", "::"):
+            return socket.gethostname()
+        return f"[{self.host}]" if ":" in self.host else self.host
+
     def check(self) -> None:
         """**Raises** `ConfigurationError` for an address that others can reach without a password, or a short one."""
         if self.password is None and not self.local:

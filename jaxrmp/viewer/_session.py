@@ -163,8 +163,7 @@ class Session:
     @property
     def url(self) -> str:
         """Where the page is."""
-        host = f"[{self.access.host}]" if ":" in self.access.host else self.access.host
-        return f"http://{host}:{self._opened_server.port}"
+        return f"http://{self.access.name}:{self._opened_server.port}"
 
     def start(self) -> None:
         """Compile the policy and begin to run and draw it."""
@@ -335,7 +334,9 @@ class Session:
         avoided = tuple(what for what in self._wanted if what != "to obstacles" or there)
         shares, ignored = np.asarray(frame.situation.shares), int(found.ignored)
         lost = avoidance_words(names, avoided, shares, self.gains.values, ignored)
-        self._said = goal_words(float(found.goal), resting, near, not shares.all()) + (f" · **{lost}**" if lost else "")
+        goal = goal_words(float(found.goal), resting, near, not shares.all())
+        goal += self.depth.by if self.depth is not None else ""
+        self._said = goal + (f" · **{lost}**" if lost else "")
         energy = energy_words(found.uncertified, watched.energy, watched.violations)
         self.plots.certificate.content = energy + (f" · **{lost}**" if lost else "")
 

@@ -64,7 +64,7 @@ def test_the_policy_is_told_what_is_seen_and_that_it_is_lost(viewer):
     viewer.target.position = at + [0.02, 0.03, 0.0]
     wait(lambda: "lost" in view.text.content, "the words")
     wait(lambda: view.sight.position > 0.03, "an image with the door elsewhere")
-    pass_frames(viewer, 5)
+    wait(lambda: "by what the camera saw last" in viewer.status.content, "the goal to be told with care")
     np.testing.assert_array_equal(told(viewer), before)
     door = viewer.server.scene.get_handle_by_name("/object")
     np.testing.assert_allclose(door.position, at + [0.02, 0.03, 0.0], atol=1e-6)  # the page shows the truth
