@@ -194,4 +194,5 @@ def test_a_skill_without_its_demonstrations_can_still_be_shown(viewer):
     content = skill_content(replace(viewer.skill), panda(), None, balls=1)
     around = World(spheres=Spheres.of([(content.balls[0], 0.1)]))
     names = [leaf.name for leaf in content.policy.tree(content.T_world_target, around).leaves()]
-    assert names[-1] == "collision_avoidance" and viewer.leaf_labels[3:5] == ("joint damping", "joint limit")
+    assert names[-1] == "collision_avoidance" and viewer.switches.names[3:5] == ("joint_damping", "joint_limit")
+    assert len(content.hints) == 3 and content.hints[0].startswith("learned: ")  # beside learned[0], learned[1], ...
