@@ -186,7 +186,9 @@ def run_page(
                 "how it ended": lambda t: t["reason"],
                 "left to the goal, mm": lambda t: f"{1000 * t['final_error_m']:.1f}",
                 "angle, degrees": lambda t: "" if math.isnan(t["final_angle_deg"]) else f"{t['final_angle_deg']:.1f}",
-                "least clearance, mm": lambda t: f"{1000 * t['min_clearance_m']:.1f}",
+                "least clearance, mm": lambda t: (
+                    f"{1000 * t['min_clearance_m']:.1f}" if math.isfinite(t["min_clearance_m"]) else "not checked"
+                ),
                 "time, s": lambda t: f"{t['time_s']:.1f}",
                 "demonstration": lambda t: t["path"]["demonstration"] if t["path"] else "",
                 "DTW, cm": lambda t: f"{t['path']['dtw_cm']:.2f}" if t["path"] else "",

@@ -8,6 +8,11 @@ from ._depth_tracker import Tracking as Tracking
 from ._depth_tracker import depth_tracker as depth_tracker
 from ._evidence import Evidence as Evidence
 from ._evidence import evidence as evidence
+from ._measured_points import OBJECT as OBJECT
+from ._measured_points import OTHER as OTHER
+from ._measured_points import ROBOT as ROBOT
+from ._measured_points import MeasuredPoints as MeasuredPoints
+from ._measured_points import measured_points as measured_points
 from ._noise import KINECT as KINECT
 from ._noise import PERFECT_DEPTH as PERFECT_DEPTH
 from ._noise import DepthNoise as DepthNoise

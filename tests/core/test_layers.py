@@ -65,7 +65,17 @@ LAYERS = {
     "export": set(),
     "evaluation": {"leaves", "kinematics", "learning", "policies", "reports", "scenes", "simulation", "world"},
     "visualization": {"evaluation", "inspection", "leaves", "kinematics", "learning", "scenes", "simulation"},
-    "viewer": {"inspection", "kinematics", "leaves", "learning", "policies", "scenes", "simulation", "world"},
+    "viewer": {
+        "inspection",
+        "kinematics",
+        "leaves",
+        "learning",
+        "perception",
+        "policies",
+        "scenes",
+        "simulation",
+        "world",
+    },
     "cli": {
         "evaluation",
         "export",
