@@ -26,6 +26,7 @@ LONG = (
     "evaluation",
     "tracker",
     "perception",
+    "depth",
     "viewer",
 )  # what policies achieve, rather than how fast
 

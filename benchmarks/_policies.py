@@ -83,7 +83,9 @@ def among_spheres(
     """One goal for some frames, joint limits, damping, and spheres at some frames that keep off obstacles."""
     distances = ObstacleDistances(ControlPoints(robot, frames), World(spheres=obstacles), radii)
     goal = Batched(Attractor(jnp.asarray(goal)), shared=True)
-    tree = pullback(ControlPoints(robot, hands), goal) + pullback(distances, CollisionAvoidance())
+    tree = pullback(ControlPoints(robot, hands), goal) + pullback(
+        distances, CollisionAvoidance(0.2, 1e-5, 0.0, 0.07, 0.5, frequency=float("inf"))
+    )
     return tree + JointLimit(robot.lower, robot.upper) + Damping()
 
 

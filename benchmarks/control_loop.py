@@ -65,7 +65,9 @@ def moving_scene(t: float) -> Node:
     points = ControlPoints(robot, tuple(SPHERES))
     distances = ObstacleDistances(points, World(spheres=obstacles), list(SPHERES.values()))
     seen = compose(ControlPoints(robot, ("panda_hand",)), RigidTransform(T_world_door))
-    tree = pullback(seen, Batched(Attractor(goal), shared=True)) + pullback(distances, CollisionAvoidance())
+    tree = pullback(seen, Batched(Attractor(goal), shared=True)) + pullback(
+        distances, CollisionAvoidance(0.2, 1e-5, 0.0, 0.07, 0.5, frequency=float("inf"))
+    )
     return tree + JointLimit(robot.lower, robot.upper) + Damping(1.0, 5.0)
 
 

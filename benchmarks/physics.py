@@ -7,6 +7,7 @@ demonstration did, over that of kinematic rollouts of the skill's own tree to th
 
 import json
 import os
+from collections.abc import Callable
 from functools import cache
 from typing import Any
 
@@ -42,10 +43,11 @@ _BARS: list[tuple[str, str, list[str], int]] = [
 def rows() -> list[dict[str, Any]]:
     """One row a bar and source: successes, trials, least clearance, mean time, how often torque limits cut in."""
     sources = ["synthetic"] + (["recordings"] if os.environ.get("JAXRMP_DATA") else [])
-    return [_row(source, *bar) for bar in _BARS for source in sources]
+    return [row(source, *bar) for bar in _BARS for source in sources]
 
 
-def _row(source: str, name: str, task: str, arguments: list[str], skipped: int) -> dict[str, Any]:
+def row(source: str, name: str, task: str, arguments: list[str], skipped: int) -> dict[str, Any]:
+    """A bar by `jaxrmp run`; trials before `skipped` are judged by another row. With a camera, what it saw."""
     skill = skill_file(task, source)
     file = FOLDER / "run.json"
     if main(["run", str(skill), *arguments, "--json", str(file)]):
@@ -64,6 +66,27 @@ def _row(source: str, name: str, task: str, arguments: list[str], skipped: int) 
         "saturated": max(t["saturated"] for t in trials),
         "path_dtw_cm": path and path["dtw_cm"],
         "times_kinematic": path and path["dtw_cm"] / _kinematic(task, source),
+        **_seen([trial["tracking"] for trial in trials if trial["tracking"]]),
+        "braked_s": max(t["braked_s"] for t in trials),
+    }
+
+
+def _seen(tracking: list[dict[str, Any]]) -> dict[str, Any]:
+    """What the camera saw in the trials: images, how many without the object, and root mean squares over all."""
+    if not tracking:
+        return {}
+    images = sum(each["images"] for each in tracking)
+
+    def rms(of: Callable[[dict[str, Any]], float]) -> float:
+        return (sum(each["images"] * of(each) ** 2 for each in tracking) / images) ** 0.5
+
+    return {
+        "images": images,
+        "images_lost": sum(each["lost"] for each in tracking),
+        "pose_rms_mm": 1000 * rms(lambda each: each["position_m"]),
+        "pose_rms_deg": rms(lambda each: each["angle_deg"]),
+        "worst_trial_mm": 1000 * max(each["position_m"] for each in tracking),
+        "joint_rms": rms(lambda each: max(each["joints"].values(), default=0.0)),
     }
 
 

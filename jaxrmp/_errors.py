@@ -107,7 +107,10 @@ class MissingDependencyError(JaxrmpError, ImportError):
     """An optional package is needed for this and is not installed."""
 
     def __init__(self, package: str, extra: str, what: str = "this"):
-        super().__init__(f"{package} is needed for {what} and is not installed: pip install 'jaxrmp[{extra}]'.")
+        super().__init__(
+            f"{package} is needed for {what} and is not installed: pip install 'jaxrmp[{extra}]', or, in a clone of "
+            f"jaxrmp, pip install -e '.[{extra}]'."
+        )
         self.package, self.extra = package, extra
 
 

@@ -22,6 +22,9 @@
 # From nothing to a learned skill: a robot's URDF, a folder of demonstrations as CSV files, and a TOML file of a dozen
 # lines. All three are written here, as you would write yours; the demonstrations come from a formula, so no person moved
 # an arm. About half a minute on two cores.
+#
+# Without demonstrations, an arm reaches poses and avoids obstacles by `policies.reaching_policy`, in three lines (the
+# guide to a new robot), or as NVIDIA's files say, by `io.load_lula`.
 
 # %% tags=["skip-execution"]
 # %pip install --quiet "..[learning,plots]"  # the clone of jaxrmp that this notebook lies in

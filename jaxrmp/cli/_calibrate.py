@@ -19,7 +19,6 @@ from ..perception import (
     open_frames,
     robot_object,
 )
-from ._aside import aside
 from ._output import progress_bar, tell
 from ._poses import check_joints, pose_named, robot_named
 
@@ -40,7 +39,7 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
     guess = frames.camera.T_world_camera if arguments.guess is None else pose_named(arguments.guess, "--guess")
     camera = dataclasses.replace(frames.camera, T_world_camera=np.asarray(guess, float))
     with progress_bar(arguments.quiet) as progress:
-        found, chosen = aside(lambda: _found(arguments, frames, camera, progress))
+        found, chosen = _found(arguments, frames, camera, progress)
     sigma = np.sqrt(np.diag(found.covariance))
     if arguments.out.suffix == ".toml":
         _write_toml(found, len(chosen), arguments.out)

@@ -1,7 +1,11 @@
 """`jaxrmp evaluate`: roll a skill out from thousands of starts and report how stable it is."""
 
 import argparse
+import glob
+import os
+import sys
 import time
+from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -9,15 +13,26 @@ from typing import Any
 import numpy as np
 
 from .._errors import ConfigurationError, RolloutError
+from ._ending import end_with_parent
 from ._engines import engine_of
-from ._output import made_by, progress_bar, write_arrays, write_json
-from ._processes import spawn
+from ._output import made_by, progress_bar, tell, write_arrays, write_json
+from ._processes import PARENT, spawn
+
+_TELL = 5.0  # s between two lines of progress where there is no terminal
 
 
 def run(arguments: argparse.Namespace, rest: list[str]) -> None:
+    kept = arguments.json and arguments.json.with_suffix(".finished.npz")
+    if arguments.resume and not kept:
+        raise ConfigurationError("--resume needs --json FILE, beside which finished starts were kept.")
     if arguments.processes > 1 and arguments.process is None:
+        _begin(arguments, kept, arguments.processes)
         spawn(arguments.processes, arguments.command_line)
         return
+    if arguments.process is None:
+        _begin(arguments, kept, 1)
+    elif PARENT in os.environ:
+        end_with_parent(int(os.environ[PARENT]))
     _prepare_jax(arguments)
     import jax
 
@@ -53,11 +68,7 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
     began = time.perf_counter()
     with progress_bar(arguments.quiet) as show:
         show(f"{len(starts)} rollouts ({engine.name})", 0.0)
-
-        def progress(ended, own):
-            show(f"{10 * (10 * ended // own)} % of rollouts ended", ended / own)
-
-        evaluation = evaluate(engine, problem, limits, starts, batch=arguments.batch, progress=progress)
+        evaluation = evaluate(engine, problem, limits, starts, batch=arguments.batch, progress=_rate(show), keep=kept)
     if jax.process_index() != 0:
         return
     found = report(evaluation, skill, problem)
@@ -91,6 +102,8 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
         figures = evaluation_figures(evaluation).items()
         pictures = {name: (png(figure), caption) for name, (figure, caption) in figures}
         write_page(found, pictures, page, title=title)
+    for file in _kept_files(kept):
+        file.unlink(missing_ok=True)  # all is in the report
     print(summary(found))
     if arguments.strict and found["failing_starts"]:
         raise RolloutError(
@@ -105,7 +118,11 @@ def summary(found: dict[str, Any]) -> str:
     times = found["time_to_converge_s"]
     took = f"median {times['median']:.1f} s, longest {times['max']:.1f} s" if times else "none"
     touched = found["starts_that_touched"]
-    clearance = "not watched" if touched is None else f"{found['min_clearance_m']:.3f} m ({touched} starts touched)"
+    clearance = (
+        "not watched: nothing is known of the arm's shape"
+        if touched is None
+        else f"{found['min_clearance_m']:.3f} m ({touched} starts touched)"
+    )
     lines = [
         f"starts                  {found['starts']}",
         f"converged               {100 * found['converged']:.2f} %  ({took})",
@@ -119,6 +136,62 @@ def summary(found: dict[str, Any]) -> str:
         f"smallest limit margin   {found['min_limit_margin_rad']:.4f} rad",
     ]
     return "\n".join(lines)
+
+
+def _begin(arguments: argparse.Namespace, kept: Path | None, processes: int) -> None:
+    """Before anything is evaluated: go on from the finished starts of an evaluation that was cut short, or not.
+
+    **Raises** `ConfigurationError` for --resume where nothing is kept, or by another number of processes.
+    """
+    files = _kept_files(kept)
+    if not arguments.resume:
+        for file in files:
+            tell(f"{file} has the finished starts of an evaluation that was cut short; removed, as without --resume.")
+            file.unlink(missing_ok=True)
+        return
+    if not files:
+        raise ConfigurationError(
+            f"--resume: there is no {kept}, so nothing is kept of an evaluation that was cut short."
+        )
+    own = [kept] if processes == 1 else [Path(f"{kept}.{i}") for i in range(processes)]
+    if foreign := set(files) - set(own):
+        raise ConfigurationError(
+            f"--resume: {', '.join(sorted(map(str, foreign)))} is of another number of --processes: give the same one."
+        )
+
+
+def _kept_files(kept: Path | None) -> list[Path]:
+    """The files of finished starts, of one process or of several."""
+    if kept is None:
+        return []
+    numbered = (file for file in kept.parent.glob(f"{glob.escape(kept.name)}.*") if file.suffix[1:].isdigit())
+    return [*([kept] if kept.exists() else []), *sorted(numbered)]
+
+
+def _rate(show: Callable[[str, float], None]) -> Callable[[int, int], None]:
+    """Progress in words: how many have ended, how many a second, and how long the others may take.
+
+    Without a terminal, where each new word is a line, a line every few seconds.
+    """
+    begun, before, told = time.monotonic(), [-1], [-np.inf]
+
+    def progress(ended: int, own: int) -> None:
+        now = time.monotonic() - begun
+        if before[0] < 0:
+            before[0] = ended  # were there already
+        if not sys.stderr.isatty() and now - told[0] < _TELL and ended < own:
+            return
+        told[0] = now
+        rate = (ended - before[0]) / max(now, 1e-9)
+        left = f", {rate:.3g}/s, {_duration((own - ended) / rate)} left" if rate > 0 else ""
+        show(f"{ended} of {own} ended{left}", ended / own)
+
+    return progress
+
+
+def _duration(seconds: float) -> str:
+    minutes, seconds = divmod(round(seconds), 60)
+    return f"{minutes} min {seconds:02} s" if minutes else f"{seconds} s"
 
 
 def _prepare_jax(arguments: argparse.Namespace) -> None:
@@ -168,13 +241,14 @@ def _replayed(arguments: argparse.Namespace, found: Any) -> str:
     evaluation = found.evaluation
     if arguments.save:
         write_arrays({name: getattr(found, name) for name in ("time", "q", "qd")}, arguments.save)
+    clearance = evaluation.outcomes.track.clearance[0]
     result = {
         "start": arguments.replay,
         "end": KINDS[End(int(evaluation.ends.kind[0]))],
         "seconds": float(evaluation.seconds[0]),
         "error_m": float(evaluation.ends.error[0]),
         "energy_increase": float(evaluation.energy_increase[0]),
-        "min_clearance_m": float(evaluation.outcomes.track.clearance[0]),
+        "min_clearance_m": float(clearance) if np.isfinite(clearance) else None,  # None: nothing was watched
         "min_limit_margin_rad": float(evaluation.outcomes.track.margin[0]),
         "q_start": evaluation.starts[0].tolist(),
         "q_end": evaluation.outcomes.q[0].tolist(),
@@ -184,4 +258,4 @@ def _replayed(arguments: argparse.Namespace, found: Any) -> str:
     failed = result["end"] not in ("converged", "stopped_at_limit")
     if arguments.strict and failed:
         raise RolloutError(f"--strict: start {arguments.replay} ended {result['end']} after {result['seconds']:.2f} s.")
-    return "\n".join(f"{name:<22}{value}" for name, value in result.items())
+    return "\n".join(f"{name:<22}{'not watched' if value is None else value}" for name, value in result.items())

@@ -112,7 +112,9 @@ def _summary(learning: Learning) -> str:
     for i, report in enumerate(learning.prepared.joints.reports):
         found = [
             f"{report.repeats_merged} repeated stamps" if report.repeats_merged else "",
-            f"{report.gaps} gaps, the largest {report.largest_gap:.2f} s" if report.gaps else "",
+            f"{report.gaps} gap{'s' * (report.gaps > 1)}, the largest {report.largest_gap:.2f} s"
+            if report.gaps
+            else "",
             f"{report.pause_seconds_dropped:.1f} s of pauses dropped ({report.paused})"
             if report.pauses_dropped
             else "",
@@ -128,9 +130,10 @@ def _summary(learning: Learning) -> str:
     for name, choice in zip(skill.subtasks, learning.paper.potentials if learning.paper else (), strict=False):
         trial, basin = choice.trial, choice.trial.basin
         at_edge = len(widths) > 1 and trial.width in (min(widths), max(widths))
+        end, beyond = ("least", "smaller ones") if trial.width == min(widths) else ("largest", "larger ones")
         lines.append(
             f"{name}: convex program {choice.fit.status}, kernel width {trial.width} m"
-            f"{' (at the edge of potential.widths)' if at_edge else ''}, basin "
+            f"{f', the {end} of potential.widths: try {beyond} too' if at_edge else ''}, basin "
             f"{basin.share_reached:.1%} of {basin.starts} starts, beyond 90 degrees {trial.beyond_90:.1%}"  # type: ignore[union-attr]
         )
     lines.append(f"time: {sum(seconds.values()):.1f} s, {', '.join(f'{step} {s:.1f}' for step, s in seconds.items())}")

@@ -1,5 +1,6 @@
 """Parses the command line, runs the command, and turns errors into messages and exit codes."""
 
+import contextlib
 import importlib
 import os
 import sys
@@ -8,7 +9,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from .._errors import JaxrmpError
+from ._ending import CODES, INTERRUPTED, Ended, ended_by_signals
 from ._parser import build_parser
+
+_BRAKED = ("drive", "record")  # look after signals themselves: an arm is braked first
+_PAGES = ("view", "teach")  # are ended by signals, and by nothing else
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -26,7 +31,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         jax.config.update("jax_compilation_cache_dir", str(cache))
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
     try:
-        with warnings.catch_warnings():
+        codes = dict.fromkeys(CODES, 0) if parsed.command in _PAGES else CODES
+        ending = contextlib.nullcontext() if parsed.command in _BRAKED else ended_by_signals(codes)
+        with ending, warnings.catch_warnings():
             warnings.showwarning = _show_warning
             importlib.import_module(f"._{parsed.command}", __package__).run(parsed, rest)
     except JaxrmpError as error:
@@ -37,8 +44,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
             f"jaxrmp: cannot write or read {error.filename or 'a file'!r}: {error.strerror or error}.", file=sys.stderr
         )
         return 1
-    except KeyboardInterrupt:
-        print("jaxrmp: interrupted; no file was left half-written", file=sys.stderr)
+    except KeyboardInterrupt as interrupt:
+        print(INTERRUPTED, file=sys.stderr)
+        if isinstance(interrupt, Ended):  # at once: threads that compile do not live through the interpreter's own end
+            sys.stdout.flush()
+            sys.stderr.flush()
+            os._exit(interrupt.code)
         return 130
     return 0
 

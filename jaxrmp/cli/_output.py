@@ -5,7 +5,6 @@ import json
 import math
 import platform
 import sys
-import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -15,6 +14,7 @@ import numpy as np
 
 from .._files import atomic_write
 from ..learning import Configuration, configuration_to_dict
+from ..learning._progress import bar
 
 _PACKAGES = ("jaxrmp", "jax", "jaxlib", "numpy", "flax", "optax", "cvxpy", "clarabel", "mujoco")
 
@@ -36,28 +36,8 @@ def progress_bar(quiet: bool = False) -> Iterator[Callable[[str, float], None]]:
 
         yield tell
         return
-    from tqdm import tqdm
-
-    layout = "{desc:<14} {percentage:3.0f} %|{bar}| {elapsed}"
-    with tqdm(total=1.0, bar_format=layout, file=sys.stderr, leave=False) as bar:
-        done = threading.Event()
-
-        def show(step: str, fraction: float) -> None:
-            bar.set_description_str(step, refresh=False)
-            bar.n = fraction
-            bar.refresh()
-
-        def tick() -> None:  # the seconds go on where a step says nothing for long
-            while not done.wait(0.5):
-                bar.refresh()
-
-        ticking = threading.Thread(target=tick, daemon=True)
-        ticking.start()
-        try:
-            yield show
-        finally:
-            done.set()
-            ticking.join()
+    with bar() as show:
+        yield show
 
 
 def tell(message: str) -> None:

@@ -7,7 +7,7 @@ from typing import Any
 from .. import __version__
 from ..scenes import SCENES
 
-EXIT_CODES = "exit codes: 0 done, 1 error (explained), 2 wrong usage, 130 interrupted"
+EXIT_CODES = "exit codes: 0 done, 1 error (explained), 2 wrong usage, 130 interrupted, 143 terminated"
 TASKS = ("drawer_closing", "door_reaching")
 _SCENE = f"{', '.join(SCENES)}, or your own: FILE.py or FILE.py:FUNCTION"
 _DEMOS = "demonstrations, a folder or a file, or synthetic:TASK; default "
@@ -33,7 +33,11 @@ def _argument(name: str, help: str, default: Any = None, **settings: Any) -> tup
 
 
 _PAGE = (
-    _argument("--port P", "on 127.0.0.1; default 8080, 0 for any", 8080),
+    _argument("--port P", "of the page; default 8080, 0 for any", 8080),
+    _argument("--host ADDRESS", "to listen at; any but this machine's own needs --password", "127.0.0.1"),
+    _argument(
+        "--password WORD", "ask for it before the page is shown (8 characters at least; not encrypted)", type=str
+    ),
     _argument("--until-closed", "end when the page is closed, not by Ctrl-C only"),
 )
 _RECORDED = (
@@ -57,6 +61,15 @@ _ARM = (
     _argument("--recover", "let the arm leave the state that an error left it in, first"),
     _argument("--tracker udp:[HOST:]PORT", "where poses of the object come to, as datagrams of JSON", type=str),
 )
+_CAMERA = (
+    _argument(
+        "--camera",
+        "the policy knows of the object what a camera overhead sees of it: depth, as a Kinect's, instead of a tracker",
+        choices=("depth",),
+    ),
+    _argument("--camera-distance M", "from what the object's joint moves, default 1", type=float),
+    _argument("--camera-at X,Y,Z", "where it stands, m, instead of where the arm hides least", type=str),
+)
 _FIX = _argument("--fix PATTERN", "lock joints, such as '*_finger_*' or elbow=0.5; may be given again", action="append")
 # Of each command: what it does, in a few words and in more, an example, and its arguments.
 _COMMANDS: dict[str, tuple[str, str, str, list[tuple[str, dict[str, Any]]]]] = {
@@ -66,7 +79,9 @@ _COMMANDS: dict[str, tuple[str, str, str, list[tuple[str, dict[str, Any]]]]] = {
         "after CONFIG as --KEY VALUE, sections with dots.",
         "configs/drawer_closing.toml --out out/drawer --metric.updates 500",
         [
-            _argument("CONFIG", "TOML configuration, such as configs/drawer_closing.toml"),
+            _argument(
+                "CONFIG", "TOML configuration, or the name of an example: drawer_closing, door_reaching, openbox"
+            ),
             _argument(
                 "--demos DIR", _DEMOS + "$JAXRMP_DATA/franka/NAME or poses/NAME.npz if set, else synthetic", type=str
             ),
@@ -135,6 +150,7 @@ _COMMANDS: dict[str, tuple[str, str, str, list[tuple[str, dict[str, Any]]]]] = {
             _argument("--tracker-dropouts P", "share of frames", 0.0),
             _argument("--tracker-bias M", "constant error, m", 0.0),
             _argument("--tracker-silent-after S", "when it goes silent, default never", float("inf")),
+            *_CAMERA,
         ],
     ),
     "evaluate": (
@@ -163,6 +179,7 @@ _COMMANDS: dict[str, tuple[str, str, str, list[tuple[str, dict[str, Any]]]]] = {
             _argument("--tolerance M", "distance from the targets that counts", 0.01),
             _argument("--batch N", "starts at a time", 1024),
             _argument("--json FILE", "write the report as JSON, and its page beside it"),
+            _argument("--resume", "go on with an evaluation to this --json that was cut short"),
             _argument("--html FILE", "write the page, default beside --json"),
             _argument("--strict", "exit code 1 if any start fails or diverges"),
             _argument("--replay INDEX", "roll out from this one start again and say how"),
@@ -305,11 +322,17 @@ _COMMANDS: dict[str, tuple[str, str, str, list[tuple[str, dict[str, Any]]]]] = {
             _argument("--frame FRAME", "without SKILL: the frame that is taken to the goal"),
             _FIX,
             _argument("--scene SCENE", "furniture around the skill: " + _SCENE),
+            *_CAMERA,
             _argument("--demos DIR", _LEARNED_FROM, type=str),
             _argument(
                 "--replay FILE", "play a demo_K.npz first, such as a log of jaxrmp drive; the policy takes over then"
             ),
-            _argument("--balls N", "draggable obstacles, default 1, in a scene 0", choices=(0, 1, 2)),
+            _argument(
+                "--balls N",
+                "obstacles at first, of the three that there can be: default 1, in a scene none yet; 0: none at all",
+                choices=(0, 1, 2, 3),
+            ),
+            _argument("--gains FILE", "begin with the gains of this TOML file, as the page saves them"),
             *_PAGE,
         ],
     ),

@@ -1,7 +1,8 @@
 """`jaxrmp run`: a skill in physics, trial after trial, with pictures, a video and a report."""
 
 import argparse
-from collections.abc import Sequence
+import contextlib
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -12,21 +13,26 @@ import numpy as np
 from .. import learning, simulation, visualization
 from .._errors import ConfigurationError, RolloutError
 from .._pytree import single
+from ..perception import DepthTracker
 from ..policies import FoundDetour, find_detour, whole_arm_policy
 from ..scenes import Scene
+from ._camera import camera_report, camera_spheres, check_camera, noise_of, scene_camera
+from ._camera_words import seen_in_words
 from ._output import aligned, made_by, progress_bar, tell, write_json
 from ._report_pages import FIGURES, pictures_in, run_page
 from ._sources import demonstrations_of, scene_of
 
 # The options, besides the tracker's, that decide what happens.
 _DECISIVE = ("scene", "trial", "trials", "displace", "seed", "limit", "interface", "learned_rate", "detour")
+_OF_CAMERA = ("camera", "camera_distance", "camera_at")
 _AHEAD = 10.0  # s that a look ahead is long, at most
 
 
 def run(arguments: argparse.Namespace, rest: list[str]) -> None:
     if arguments.video:
         visualization.check_video_name(arguments.video)
-    if arguments.video or arguments.figures:
+    check_camera(arguments)
+    if arguments.video or arguments.figures or arguments.camera:
         visualization.prepare_headless()
     skill = learning.load_skill(arguments.skill)
     if skill.of_turn:
@@ -51,21 +57,24 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
         if arguments.detour:
             progress("looking ahead", 0.0)
         ways = _detours(policy, scene, trials, min(_AHEAD, arguments.limit)) if arguments.detour else None
-        result = simulation.run_trials(
-            scene,
-            policy,
-            trials,
-            aside=ways and ways.aside,
-            limit=arguments.limit,
-            tracker=_tracker(arguments, skill),
-            interface=arguments.interface,
-            learned_rate=arguments.learned_rate,
-            seed=arguments.seed,
-            first=arguments.trial or 0,
-            progress=lambda share: progress("running", share),
-        )
+        with _tracker(arguments, skill, scene, prepared) as tracker:
+            result = simulation.run_trials(
+                scene,
+                policy,
+                trials,
+                aside=ways and ways.aside,
+                limit=arguments.limit,
+                tracker=tracker,
+                interface=arguments.interface,
+                learned_rate=arguments.learned_rate,
+                seed=arguments.seed,
+                first=arguments.trial or 0,
+                progress=lambda share: progress("running", share),
+            )
         paths = path_errors(result, skill, prepared)
         report = report_dict(result, arguments.trial or 0, paths)
+        seen = isinstance(tracker, DepthTracker)
+        report["camera"] = camera_report(tracker, scene, prepared) if seen else None
         report["detours"] = ways and _ways(ways)
         if arguments.json:
             write_json(report, arguments.json)
@@ -84,9 +93,9 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
             if page:
                 tracking = [name for name in vars(arguments) if name.startswith("tracker")]
                 settings = {"skill": str(arguments.skill), "learned_from": skill.source}
-                settings |= {name: getattr(arguments, name) for name in (*_DECISIVE, *tracking)}
+                settings |= {name: getattr(arguments, name) for name in (*_DECISIVE, *_OF_CAMERA, *tracking)}
                 figures = pictures_in(drawn) or _figures(result, prepared, reproduction)
-                run_page({**report, "settings": settings}, made, figures, page)
+                run_page({**report, "settings": settings}, made, figures, page, arguments.video)
     print(outcome_table(report))
     if diverged := [t["trial"] for t in report["per_trial"] if t["diverged"]]:
         tell(f"{len(diverged)} of {len(trials)} trials diverged: {diverged}. Replay one with --trial K.")
@@ -124,12 +133,14 @@ def _figures(
     return {FIGURES[name][0]: (visualization.png(figure), FIGURES[name][1]) for name, figure in figures.items()}
 
 
-def _tracker(arguments: argparse.Namespace, skill: learning.Skill) -> simulation.TrackerSettings | None:
+def _tracker(
+    arguments: argparse.Namespace, skill: learning.Skill, scene: Scene, prepared: learning.PreparedDemonstrations
+) -> contextlib.AbstractContextManager[DepthTracker | simulation.TrackerSettings | None]:
+    """What tells the policy where the object is, within which it does."""
+    if arguments.camera:
+        return scene_camera(arguments, scene, prepared, camera_spheres(skill, scene))
     needed = arguments.tracker == "auto" and (skill.configuration.object or arguments.displace)
-    if arguments.tracker != "on" and not needed:
-        return None
-    given = {name: getattr(arguments, f"tracker_{name}") for name in ("delay", "dropouts", "bias", "silent_after")}
-    return simulation.TrackerSettings(**given)
+    return contextlib.nullcontext(noise_of(arguments) if arguments.tracker == "on" or needed else None)
 
 
 Paths = Sequence[dict[str, Any] | None]
@@ -172,12 +183,19 @@ def report_dict(result: simulation.Run, first: int = 0, paths: Paths | None = No
             **outcome._asdict(),
             "end": outcome.end.name.lower(),
             "diverged": outcome.diverged,
+            "tracking": outcome.tracking and outcome.tracking._asdict(),
             "path": path,
         }
         for k, (outcome, path) in enumerate(zip(result.outcomes, paths, strict=True))
     ]
     counts = {"trials": len(result.outcomes), "successes": result.successes, "trials_compared": len(compared)}
     return {"scene": result.scene.name, **counts, "path": mean if compared else None, "per_trial": per_trial}
+
+
+def clearance_in_words(trial: Mapping[str, Any]) -> str:
+    """The least clearance of a trial, mm, or that there was nothing to check."""
+    least = trial["min_clearance_m"]
+    return f"{1000 * least:.1f}" if np.isfinite(least) else "not checked"
 
 
 def outcome_table(report: dict[str, Any]) -> str:
@@ -192,7 +210,7 @@ def outcome_table(report: dict[str, Any]) -> str:
                 "yes" if trial["success"] else "no",
                 f"{1000 * trial['final_error_m']:.1f}",
                 "-" if np.isnan(trial["final_angle_deg"]) else f"{trial['final_angle_deg']:.1f}",
-                f"{1000 * trial['min_clearance_m']:.1f}",
+                clearance_in_words(trial),
                 f"{trial['time_s']:.1f}",
                 *(f"{path[name]:.2f}" if path else "-" for name in ("dtw_cm", "frechet_cm")),
                 trial["reason"],
@@ -209,10 +227,12 @@ def outcome_table(report: dict[str, Any]) -> str:
     if ignored := [t["trial"] for t in report["per_trial"] if t["ignored"]]:
         most = max(t["ignored"] for t in report["per_trial"])
         lines.append(f"obstacles that are not finite were ignored in {len(ignored)} trials, up to {most}: {ignored}")
+    if seen := [t["tracking"] for t in report["per_trial"] if t["tracking"]]:
+        lines.append(seen_in_words(seen))
     if mean := report["path"]:
         lines.append(
-            f"{report['trials_compared']} trials start as a demonstration did; their ways are {mean['dtw_cm']:.2f} cm "
-            f"(DTW) and {mean['frechet_cm']:.2f} cm (Frechet) from it in the mean"
+            f"trials that start as a demonstration did: {report['trials_compared']}; in the mean their ways are "
+            f"{mean['dtw_cm']:.2f} cm (DTW) and {mean['frechet_cm']:.2f} cm (Frechet) from it"
         )
     else:
         lines.append("no trial starts as a demonstration did: there is no way to compare (dtw_cm, frechet_cm)")

@@ -25,7 +25,6 @@ from ..perception import (
     track,
 )
 from ..world import own_spheres, panda_spheres
-from ._aside import aside
 from ._output import progress_bar, tell, write_arrays
 from ._poses import check_joints, pose_named, robot_named
 
@@ -42,8 +41,7 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
     camera = dataclasses.replace(frames.camera, T_world_camera=np.asarray(T, float))
     guess = pose_named(arguments.guess, "--guess", "T_world_object")
     with progress_bar(arguments.quiet) as progress:
-        found = aside(lambda: _followed(arguments, frames, camera, guess, progress))
-    arrays, ms = found
+        arrays, ms = _followed(arguments, frames, camera, guess, progress)
     if arguments.out.suffix == ".npz":
         write_arrays(arrays, arguments.out)
     else:

@@ -1,19 +1,23 @@
 """Rolls a skill out from many starts, on all devices and processes there are, and judges every end."""
 
+import contextlib
+import os
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
+import jax
 import numpy as np
 
-from .._errors import ConfigurationError
+from .._errors import ConfigurationError, NoGeometryError
 from .._tree import Node, on_coordinates
-from ..kinematics import ControlPoints, Robot, panda
+from ..kinematics import ControlPoints, Robot
 from ..learning import Skill
 from ..policies import whole_arm_policy
 from ..simulation import End, Engine, Outcomes, Problem, StopCriteria, largest_batch, simulate
-from ..world import SelfDistances, World, panda_self_pairs, panda_spheres
+from ..world import SelfDistances, World, own_self_pairs, own_spheres
 from ._distribution import map_over_processes
 from ._ends import Ends, classify_ends, control_point_errors
+from ._finished import Finished
 from ._stability import CertificateWatch
 
 
@@ -58,14 +62,15 @@ class Evaluation(NamedTuple):
 
 
 def skill_problem(skill: Skill, robot: Robot, *, tree: Node | None = None, distances: tuple = ()) -> Problem:
-    """What `evaluate` rolls out: the whole arm's policy, and the Panda's distances to itself.
+    """What `evaluate` rolls out: the whole arm's policy, and the arm's distances to itself, where it has geometry.
 
     **Arguments**: `skill`; `robot`, that it was learned on; `tree`, by default that of `policies.whole_arm_policy`
     without obstacles; `distances`, further ones to watch, such as to a scene.
     """
-    if robot.fingerprint == panda().fingerprint:
-        spheres = panda_spheres()
-        distances = (SelfDistances(spheres.points(robot), panda_self_pairs(), spheres.radii), *distances)
+    with contextlib.suppress(NoGeometryError):  # which the policy tells
+        spheres = own_spheres(robot)
+        if pairs := own_self_pairs(robot, spheres):
+            distances = (SelfDistances(spheres.points(robot), pairs, spheres.radii), *distances)
     hand = ControlPoints(robot, skill.frames, skill.offsets)
     tree = tree or whole_arm_policy(skill, robot).tree(skill.T_world_object, World())
     return Problem(tree, skill.task_map(robot), hand, robot.lower, robot.upper, tuple(distances))
@@ -86,13 +91,16 @@ def evaluate(
     *,
     batch: int = 1024,
     progress: Callable[[int, int], None] | None = None,
+    keep: str | os.PathLike | None = None,
 ) -> Evaluation:
     """Roll out from every start, find out how each ends, and evaluate the certificate on the way.
 
     **Arguments**: `engine`, what moves the joints; `problem`, what it rolls out; `limits`, see `classify_ends`;
     `starts` [N, n]; `batch`, starts at a time, halved until a call fits into memory; `progress`, called with how many
-    starts of this process have ended, and how many it has.
-    **Raises** what `simulate` and `largest_batch` raise.
+    starts of this process have ended, and how many it has; `keep`, a file in which starts that have ended are kept
+    until all have, and from which an evaluation that was cut short goes on, None for none (each of several processes
+    adds its number to the name).
+    **Raises** what `simulate` and `largest_batch` raise, `ConfigurationError` for a file of another evaluation.
     """
     starts = np.asarray(starts, np.float32)
     if batch < 1:
@@ -101,9 +109,26 @@ def evaluate(
     batch = largest_batch(engine, min(batch, 1 << (len(starts) - 1).bit_length()))
 
     def work(own: np.ndarray) -> dict[str, Any]:
-        watch = CertificateWatch(problem, len(own))
-        outcomes = simulate(engine, own, batch=batch, progress=progress, watch=watch)
-        return {"outcomes": outcomes, "residual": watch.residual, "growth": watch.growth}
+        several = jax.process_count() > 1
+        path = keep and (f"{os.fspath(keep)}.{jax.process_index()}" if several else keep)
+        finished = Finished(engine, problem, own, path)
+        left = np.flatnonzero(~finished.done)
+        watch, before = CertificateWatch(problem, len(left)), len(own) - len(left)
+
+        def ended(rows: np.ndarray, last: Outcomes) -> None:
+            finished.add(left[rows], last, watch.residual[rows], watch.growth[rows])
+
+        def tell(count: int, _: int) -> None:
+            if progress:
+                progress(before + count, len(own))
+
+        if len(left):
+            tell(0, 0)
+            try:
+                simulate(engine, own[left], batch=batch, progress=tell, watch=watch, ended=ended)
+            finally:
+                finished.write()
+        return finished.result()
 
     return _judged(engine, problem, limits, starts, batch, **map_over_processes(work, starts))
 

@@ -10,10 +10,8 @@ from ..scenes import Scene
 from ..simulation import (
     ArmDynamics,
     PhysicalArm,
-    TrackerSettings,
+    Tracker,
     arm_dynamics,
-    observe,
-    start_tracker,
     tracking_acceleration,
 )
 from ._arm import ArmState, Interface, state_of
@@ -136,30 +134,28 @@ class MujocoArm:
 
 
 class SceneTracker:
-    """The object of an `arm`'s scene as a camera delivers it; with `settings` of None, as it is.
+    """The object of an `arm`'s scene as a `tracker` of trials sees it; with None, as it is.
 
-    **Arguments**: `seed`, of the camera's noise.
+    **Arguments**: `seed`, of the tracker's chance.
     """
 
-    def __init__(self, arm: MujocoArm, settings: TrackerSettings | None = None, seed: int = 0):
-        self._arm, self._settings, self._number = arm, settings, 0
-        T = arm.scene.object_pose(arm.data)
-        self._tracker = None if settings is None else start_tracker(settings, (seed,), T)
-        self._last = T
+    def __init__(self, arm: MujocoArm, tracker: Tracker | None = None, seed: int = 0):
+        self._arm, self._tracker, self._number = arm, tracker, 0
+        self._sight: Any = None if tracker is None else tracker.start(arm.scene, arm.data, (seed,))
+        self._last = arm.scene.object_pose(arm.data)
 
     def newest(self) -> Sighting:
-        """What the camera last saw."""
-        T, none = self._arm.scene.object_pose(self._arm.data), np.zeros((0, 4))
-        if self._tracker is None or self._settings is None:
+        """What the tracker last saw."""
+        scene, data, none = self._arm.scene, self._arm.data, np.zeros((0, 4))
+        if self._tracker is None:
+            T = scene.object_pose(data)
             self._number += int((self._last != T).any())
             self._last = T
             return Sighting(T, none, 0.0, self._number)
-        now = float(self._arm.data.time)
-        before = self._tracker.stamp
-        self._tracker = observe(self._settings, self._tracker, now, T)
-        self._number += int(self._tracker.stamp != before)
-        age = max(now - self._tracker.stamp - self._settings.delay, 0.0)
-        return Sighting(self._tracker.seen, none, age, self._number)
+        now, before = float(data.time), self._sight.stamp
+        self._sight = self._tracker.observe(self._sight, now, scene, data)
+        self._number += int(self._sight.stamp != before)
+        return Sighting(self._sight.seen, none, self._tracker.age(self._sight, now), self._number)
 
     def close(self) -> None:
         """Nothing to let go of."""

@@ -20,6 +20,7 @@ from ._packages import require_folders
 from ._robot import Body, Frame, Joint, KinematicModel, Robot
 from ._robot_file import read_robot_file
 from ._robot_text import format_of, read_text
+from ._srdf import read_srdf
 from ._urdf import Urdf, read_urdf, warn_of
 
 _NOT_KINEMATIC = (
@@ -38,6 +39,7 @@ def load_robot(
     name: str | None = None,
     packages: Mapping[str, str | os.PathLike] | None = None,
     ignore: Mapping[str, Sequence[str]] | None = None,
+    srdf: str | os.PathLike | None = None,
     cover_error: float | None = None,
 ) -> Robot:
     """Read a robot from the MJCF or URDF file at `path`, or from a TOML file that names one (docs/guides/new_robot.md).
@@ -55,9 +57,10 @@ def load_robot(
     `mount` [4, 4], where the base stands in the world, m, by default as in the file; `tools`, frames to add, as name to
     frame and pose in it [4, 4]; `name`, the robot's name, by default the model's own; `packages`, folders of ROS
     packages by name, for the meshes of `package://NAME/...` when the robot's geometry is asked for: others are looked
-    for from the file upwards and in ROS_PACKAGE_PATH; `ignore`, for a frame with geometry those that it may touch, and
-    `cover_error`, how far the spheres that cover the robot may stick out of its geometry, m: both for policies that
-    avoid collisions of the robot with itself, see `world.own_spheres` and `own_self_pairs`.
+    for from the file upwards and in ROS_PACKAGE_PATH; `ignore`, for a frame with geometry those that it may touch,
+    `srdf`, a file of MoveIt's that says so too, and `cover_error`, how far the spheres that cover the robot may stick
+    out of its geometry, m: for policies that avoid collisions of the robot with itself, see `world.own_spheres` and
+    `own_self_pairs`.
     **Returns** a `Robot`. Position limits are read by the format's own rule: in URDF `lower` and `upper` are 0 where
     they are absent, and a continuous joint has none. Velocity limits come from URDF's `limit velocity`; where there is
     none they are infinite, with an `UnsafeFileWarning` if the `limit` leaves it out or it is not positive.
@@ -70,20 +73,23 @@ def load_robot(
         described = read_robot_file(path)
         for key, more in (("fixed", fixed), ("tools", tools), ("packages", packages), ("ignore", ignore)):
             described[key] = {**described.get(key, {}), **(more or {})}
-        given = {"root": root, "mount": mount, "name": name, "cover_error": cover_error}
+        given = {"root": root, "mount": mount, "name": name, "srdf": srdf, "cover_error": cover_error}
         return load_robot(**(described | {key: value for key, value in given.items() if value is not None}))
     text, folders = read_text(path), tuple(require_folders(packages).items())
     robot = _robot_of(text, str(path), fixed, name, root, Path(path), folders)
-    if ignore or cover_error is not None:
-        robot = _with_cover(robot, ignore or {}, cover_error)
+    if ignore or srdf or cover_error is not None:
+        robot = _with_cover(robot, ignore or {}, srdf, cover_error)
     for tool, (frame, T) in (tools or {}).items():
         robot = with_tool(robot, tool, frame, T)
     return robot if mount is None else mounted(robot, mount)
 
 
-def _with_cover(robot: Robot, ignore: Mapping[str, Sequence[str]], cover_error: float | None) -> Robot:
+def _with_cover(
+    robot: Robot, ignore: Mapping[str, Sequence[str]], srdf: str | os.PathLike | None, cover_error: float | None
+) -> Robot:
     """The `robot` with what is said of its collisions with itself; **raises** as `load_robot`."""
-    pairs = []
+    touching = read_srdf(srdf, robot.frame_names) if srdf else {}
+    pairs = [(frame, other) for frame, others in touching.items() for other in others]
     for frame, others in ignore.items():
         if isinstance(others, str) or not isinstance(others, Sequence):
             raise RobotError(f"ignore.{frame} is {others!r}, expected a list of the frames that it may touch.")

@@ -125,7 +125,8 @@ def _triangles(path: Path) -> tuple[np.ndarray, np.ndarray]:
         vertices, faces = np.asarray(mesh.vertices, float), np.asarray(mesh.faces, np.int32)
     except ImportError as error:
         raise RobotError(
-            f"MuJoCo cannot read the mesh {path}; trimesh and pycollada can: pip install 'jaxrmp[viewer]'."
+            f"MuJoCo cannot read the mesh {path}; trimesh and pycollada can: pip install 'jaxrmp[viewer]', or, in a "
+            "clone of jaxrmp, pip install -e '.[viewer]'."
         ) from error
     except Exception as error:  # trimesh's readers have many kinds of errors for damaged files
         raise RobotError(f"the mesh {path} cannot be read ({type(error).__name__}: {error}).") from error

@@ -12,15 +12,17 @@ import numpy as np
 from .._errors import RobotError, UnknownNameError
 from .._rotations import pose, rotation_of_vector
 
-_KEYS = ("file", "name", "root", "fixed", "mount", "tools", "packages", "ignore", "cover_error")
+_KEYS = ("file", "name", "root", "fixed", "mount", "tools", "packages", "ignore", "srdf", "cover_error")
+_WORDS = ("file", "name", "root", "srdf")
 _NUMERIC = ("mount", "cover_error")
 
 
 def read_robot_file(path: str | os.PathLike) -> dict[str, Any]:
     """The arguments of `load_robot` that the TOML file at `path` has, its `path` among them.
 
-    `file`, MJCF or URDF, found from the TOML file's folder; optional `name`, `root`, `packages`, `fixed`, `ignore` and
-    `cover_error`, as `load_robot` has them; `mount`, where the base stands, and `[tools.NAME]` with `frame` and `pose`.
+    `file`, MJCF or URDF, and `srdf`, found from the TOML file's folder; optional `name`, `root`, `packages`, `fixed`,
+    `ignore` and `cover_error`, as `load_robot` has them; `mount`, where the base stands, and `[tools.NAME]` with
+    `frame` and `pose`.
     A pose is `[x, y, z]` or `[x, y, z, roll, pitch, yaw]`, m and rad, as URDF's `xyz` and `rpy`.
     **Raises** `RobotError` for a file that is not so.
     """
@@ -31,7 +33,7 @@ def read_robot_file(path: str | os.PathLike) -> dict[str, Any]:
     for key in content:
         UnknownNameError.check(f"key in {path}", key, _KEYS)
     for key in _KEYS:
-        kind, what = (str, "a string") if key in ("file", "name", "root") else (dict, "a table")
+        kind, what = (str, "a string") if key in _WORDS else (dict, "a table")
         if key not in _NUMERIC and not isinstance(content.get(key, kind()), kind):
             raise RobotError(f"{path}: {key} is {content[key]!r}, expected {what}.")
     if not content.get("file") or Path(content["file"]).suffix == ".toml":
@@ -44,6 +46,8 @@ def read_robot_file(path: str | os.PathLike) -> dict[str, Any]:
     folder = Path(path).parent
     found = {key: content[key] for key in ("name", "root", "fixed", "ignore", "cover_error") if key in content}
     found["path"] = folder / content["file"]
+    if "srdf" in content:
+        found["srdf"] = folder / content["srdf"]
     found["packages"] = {name: folder / place for name, place in content.get("packages", {}).items()}
     if "mount" in content:
         found["mount"] = pose_of_numbers(content["mount"], f"{path}: mount")

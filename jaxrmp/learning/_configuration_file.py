@@ -13,17 +13,34 @@ from .._errors import ConfigurationError, UnknownNameError
 from ._configuration import Configuration
 
 
+def _examples() -> Path:
+    """The folder of examples: in the installed package, or of the clone that it is installed from."""
+    package = Path(__file__).parents[1]
+    return folder if (folder := package / "configs").is_dir() else package.parent / "configs"
+
+
+def _example(named: str) -> Path | None:
+    """The file of the example `named`; None where that is no plain name, or a file."""
+    file = _examples() / f"{named}.toml"
+    return file if named.isidentifier() and not Path(named).is_file() and file.is_file() else None
+
+
 def load_configuration(path: str | Path, overrides: Mapping[str, Any] | None = None) -> Configuration:
-    """Read the TOML configuration at `path`. A robot file in it is found from its folder. `overrides` are values by
-    dotted key, such as `{"metric.updates": 500, "subtasks.gripper.frame": "panda_hand"}`.
+    """Read the TOML configuration at `path`, or one of the examples, by its name alone, such as "drawer_closing". A
+    robot file in it is found from its folder. `overrides` are values by dotted key, such as
+    `{"metric.updates": 500, "subtasks.gripper.frame": "panda_hand"}`.
 
     **Raises** `ConfigurationError` if the file is missing or unreadable, or a value has the wrong type;
     `UnknownNameError` for a key that is not known.
     """
+    path = _example(str(path)) or path
     try:
         content = tomllib.loads(Path(path).read_text())
     except OSError as error:
-        raise ConfigurationError(f"cannot read configuration {str(path)!r}: {error.strerror}.") from error
+        names = ", ".join(sorted(file.stem for file in _examples().glob("*.toml")))
+        raise ConfigurationError(
+            f"cannot read configuration {str(path)!r}: {error.strerror}. Examples, by their names alone: {names}."
+        ) from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ConfigurationError(f"configuration {str(path)!r} is no valid TOML: {error}.") from error
     robot = content.get("robot")

@@ -2,7 +2,6 @@
 
 import time
 import warnings
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import NamedTuple
@@ -23,10 +22,9 @@ from ._learn_flow import FlowLearning, flow_lesson, learn_flow, led_along
 from ._learn_paper import PaperLearning, learn_paper
 from ._own_clearance import OwnClearance, own_clearance
 from ._prepare import PreparedDemonstrations, control_point_frames, control_point_names, demonstrated_end, prepare
+from ._progress import Progress, Shown, shown
 from ._reproduce import Reproduction, compile_ahead, reproduce, rollout_duration
 from ._skill import Skill, joint_leaves, mean_pose, rigid_targets
-
-Progress = Callable[[str, float], None]
 
 _GOAL, _RISE = 1.0, 1e-3  # cm, and relative: what a reproduction may miss the goal by, and V rise by
 _GOAL_TURN = 2.0  # degrees, where it has no place
@@ -58,7 +56,10 @@ class Learning(NamedTuple):
 
 
 def learn(
-    configuration: Configuration, robot: Robot, demonstrations: DemonstrationSet, progress: Progress | None = None
+    configuration: Configuration,
+    robot: Robot,
+    demonstrations: DemonstrationSet,
+    progress: Progress | Shown | None = "shown",
 ) -> Learning:
     """Learn a skill of several subtasks from a demonstration set.
 
@@ -71,14 +72,21 @@ def learn(
     when demonstrations pause, and for how long.
 
     **Arguments**: `configuration`; `robot`, with the demonstrations' joints in the same order; `demonstrations`;
-    `progress`, called with the name of a step and the fraction of it that is done.
+    `progress`, called with the name of a step and the fraction of it that is done; by default a bar, in a terminal or
+    a notebook; None for none.
     **Returns** a `Learning`.
     **Raises** what its steps raise, above all `DemonstrationError`, `ConvexProgramError`, `BasinError`,
     `TrainingError` (a flow that does not pass, too), and `UnknownNameError` for a frame or object that is not there.
 
     Rana et al. 2019, section 3; docs/concepts.md for the flow.
     """
-    progress = progress or (lambda step, fraction: None)
+    with shown(progress) as tell:
+        return _learned(configuration, robot, demonstrations, tell)
+
+
+def _learned(
+    configuration: Configuration, robot: Robot, demonstrations: DemonstrationSet, progress: Progress
+) -> Learning:
     seconds: dict[str, float] = {}
     clock = time.perf_counter()
 
@@ -91,7 +99,7 @@ def learn(
     prepared = prepare(configuration, robot, demonstrations)
     agreement = families(prepared.points)
     if not agreement.agree:
-        warnings.warn(f"{demonstrations.source}: {agreement}", FileWarning, stacklevel=2)
+        warnings.warn(f"{demonstrations.source}: {agreement}", FileWarning, stacklevel=3)
     tell_pauses(configuration, demonstrations.source, prepared)
     clearance = own_clearance(robot, prepared.joints.q, bool(configuration.poses.start))
     lap("preprocessing")

@@ -6,6 +6,7 @@ from ._collision_avoidance import CollisionAvoidance as CollisionAvoidance
 from ._cruising_attractor import CruisingAttractor as CruisingAttractor
 from ._damping import Damping as Damping
 from ._detour import Detour as Detour
+from ._direction_attractor import DirectionAttractor as DirectionAttractor
 from ._formation import Formation as Formation
 from ._funnel import Funnel as Funnel
 from ._joint_limit import JointLimit as JointLimit

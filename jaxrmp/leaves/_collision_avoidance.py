@@ -38,11 +38,14 @@ class CollisionAvoidance(SeparableGDS):
     **Arguments**: `epsilon`, the share of w that is metric at rest; `barrier` (alpha of the paper), energy;
     `damping_rate`, 1/s; `reach`, units of d, and `sigma`, the speed at which the metric takes effect, units of d per
     second, both of the compact form; `floor`, units of d, by default `reach / 50` (compact) or 0.05 (power). Numbers or
-    [m]. `frequency`, 1/s, times the integration step well below one; infinite, the published leaf. `form` is structure.
+    [m]. `frequency`, 1/s, times the integration step well below one, infinite for none. `form` is structure.
     **Raises** `UnknownNameError` for another form; `ConfigurationError` for a reach, sigma, floor or frequency that is
     not positive, a floor that is not below the reach (compact), or another negative parameter.
 
-    >>> leaf = CollisionAvoidance(barrier=0.01)
+    The defaults keep an arm of a metre off at steps of 1 ms. Published are `epsilon` 0.2, `barrier` 1e-5 and an
+    infinite `frequency`, without damping, which let it touch.
+
+    >>> leaf = CollisionAvoidance()
     >>> near, far = leaf(jnp.array([0.01, 0.1]), jnp.zeros(2)).f
     >>> bool(near > 0), bool(far == 0)
     (True, True)
@@ -51,13 +54,13 @@ class CollisionAvoidance(SeparableGDS):
     below the floor and the barrier's inertia are this library's.
     """
 
-    epsilon: NonNegative[jax.Array | float] = 0.2
-    barrier: NonNegative[jax.Array | float] = 1e-5
-    damping_rate: NonNegative[jax.Array | float] = 0.0
-    reach: Positive[jax.Array | float] = 0.07
-    sigma: Positive[jax.Array | float] = 0.5
+    epsilon: NonNegative[jax.Array | float] = 0.1
+    barrier: NonNegative[jax.Array | float] = 0.01
+    damping_rate: NonNegative[jax.Array | float] = 2.0
+    reach: Positive[jax.Array | float] = 0.06
+    sigma: Positive[jax.Array | float] = 0.1
     floor: Positive[jax.Array | float | None] = None
-    frequency: Positive[jax.Array | float] = float("inf")
+    frequency: Positive[jax.Array | float] = 100.0
     form: Form = static(default="compact")
     name: str = static(default="collision_avoidance")
 

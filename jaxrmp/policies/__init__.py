@@ -32,3 +32,5 @@ from ._joints import velocity_limits as velocity_limits
 from ._posture_search import FoundPosture as FoundPosture
 from ._posture_search import find_posture as find_posture
 from ._rest_search import find_rest as find_rest
+from ._upright import UPRIGHT as UPRIGHT
+from ._upright import upright as upright

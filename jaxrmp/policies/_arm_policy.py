@@ -14,12 +14,13 @@ from .._rotations import pose
 from .._tree import Leaf, Node, on_coordinates
 from ..kinematics import Robot
 from ..leaves import CollisionAvoidance, OrientationAttractor
-from ..world import RobotSpheres, World, own_self_pairs, own_spheres
+from ..world import RobotSpheres, World, own_self_pairs, own_spheres, without_never_near
 from ._detour import Aside, detour
 from ._distances import AVOIDANCE, avoidance, self_avoidance
 from ._hand import HAND_ORIENTATION, HandGoal
 from ._joints import NOTHING, damping, joint_limits, posture, velocity_limits
 from ._lean_spheres import lean
+from ._rest_check import check_rest
 
 _POSE = 6  # coordinates of a pose
 
@@ -114,7 +115,7 @@ def whole_arm_policy(skill: Any | Sequence[Any], robot: Robot, spheres: RobotSph
     whole = spheres or _spheres_of(robot)
     always = self_avoidance(robot, whole) + velocity_limits(robot) + _of_others(robot, skills)
     close = spheres or (whole and _spheres_of(robot, [each.frames[0] for each in skills]))
-    leaf = CollisionAvoidance(barrier=0.003, reach=0.05, epsilon=0.02)
+    leaf = CollisionAvoidance(0.02, 0.003, 0.0, 0.05, 0.5, frequency=np.inf)
     return single(ArmPolicy(robot, tasks, always, close and close.moving(robot), leaf, target_of))
 
 
@@ -154,7 +155,7 @@ def reaching_policy(
 
     **Arguments**: `robot`; `rest`, see `posture`; `spheres`, see `whole_arm_policy`; `self_collision`, whether its
     links keep off each other. **Raises** `UnknownNameError` for a frame that is not there, `ConfigurationError` for no
-    hand or one that is named twice, and as `whole_arm_policy`.
+    hand or one that is named twice, or a `rest` in which links touch each other, and as `whole_arm_policy`.
     """
     several = not isinstance(hand, str)
     hands = tuple(hand) if several else (hand,)
@@ -166,6 +167,8 @@ def reaching_policy(
     moving = None
     if spheres and spheres.size:
         pairs = own_self_pairs(robot, spheres) if self_collision else ()
+        check_rest(robot, spheres, pairs, rest)
+        pairs = without_never_near(robot, spheres, pairs)
         moving, own, pairs = lean(robot, spheres, pairs)
         always = self_avoidance(robot, own, pairs) + always if pairs else always
     target_of = tuple(range(len(hands))) if several else ()

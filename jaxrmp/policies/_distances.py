@@ -7,7 +7,7 @@ from typing import Any
 from .._tree import Leaf, Node, pullback
 from ..kinematics import Robot
 from ..leaves import CollisionAvoidance
-from ..world import ObstacleDistances, RobotSpheres, SelfDistances, World, own_self_pairs
+from ..world import ObstacleDistances, RobotSpheres, SelfDistances, World, own_self_pairs, without_never_near
 from ._joints import NOTHING
 
 SELF_AVOIDANCE = CollisionAvoidance(0.1, 0.01, 2.0, 0.05, 0.1, 0.003, frequency=100.0, name="self_collision")
@@ -36,12 +36,15 @@ def self_avoidance(
     leaf: Leaf = SELF_AVOIDANCE,
     **gains: Any,
 ) -> Node:
-    """Keeps `pairs` (i, j) of spheres on the robot off each other, by default `own_self_pairs(robot, spheres)`.
+    """Keeps `pairs` (i, j) of spheres on the robot off each other, by default those of `own_self_pairs(robot, spheres)`
+    that ever come near (`without_never_near`).
 
     `NOTHING` without pairs; the rest as `avoidance`.
     """
     if spheres is None:
         return NOTHING
-    pairs = own_self_pairs(robot, spheres) if pairs is None else tuple(pairs)
+    if pairs is None:
+        pairs = without_never_near(robot, spheres, own_self_pairs(robot, spheres))
+    pairs = tuple(pairs)
     distances = SelfDistances(spheres.points(robot), pairs, spheres.radii)
     return pullback(distances, replace(leaf, **gains)) if pairs else NOTHING

@@ -25,6 +25,8 @@ from ._judge import StopCriteria as StopCriteria
 from ._judge import Track as Track
 from ._kinematic import rollout as rollout
 from ._live_trial import INTERFACES as INTERFACES
+from ._object_tracker import Sight as Sight
+from ._object_tracker import Tracker as Tracker
 from ._physical_arm import PhysicalArm as PhysicalArm
 from ._rollout import Rollout as Rollout
 from ._run import run_trials as run_trials

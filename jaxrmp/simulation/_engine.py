@@ -79,6 +79,7 @@ def simulate(
     batch: int = 1024,
     progress: Callable[[int, int], None] | None = None,
     watch: Callable[[np.ndarray, Any], None] | None = None,
+    ended: Callable[[np.ndarray, Outcomes], None] | None = None,
 ) -> Outcomes:
     """Roll out by `engine` from many starts, `batch` of them at a time: whoever ends makes room for the next one.
 
@@ -86,7 +87,8 @@ def simulate(
     sizes of batch are ever compiled: `batch`, and a quarter and a sixteenth of it for the last ones.
 
     **Arguments**: `starts` [N, n], at rest; `progress`, called with how many have ended and N; `watch`, called after
-    every chunk with the indices of the starts in the batch [B] (-1 where a place is empty) and their states.
+    every chunk with the indices of the starts in the batch [B] (-1 where a place is empty) and their states; `ended`,
+    called with the indices of those that have ended since and how.
     **Returns** `Outcomes`. **Raises** `ShapeError`, `ConfigurationError` for a batch that devices cannot share.
     """
     starts = np.asarray(starts, np.float32)
@@ -100,7 +102,7 @@ def simulate(
     places = _next(waiting, batch)
     state = engine.begin(starts[places])  # places of -1 hold the last start, and are ignored
     found: Outcomes | None = None
-    ended = 0
+    count_ended = 0
     while (places >= 0).any():
         state = engine.advance(state)
         if watch:
@@ -113,9 +115,11 @@ def simulate(
             found = jax.tree.map(lambda a: np.empty((len(starts), *a.shape[1:]), a.dtype), last)
         for array, values in zip(jax.tree.leaves(found), jax.tree.leaves(last), strict=True):
             array[places[done]] = values
-        ended += int(done.sum())
+        count_ended += int(done.sum())
+        if ended:
+            ended(places[done], last)
         if progress:
-            progress(ended, len(starts))
+            progress(count_ended, len(starts))
         state, places = _refilled(engine, state, places, done, waiting, starts)
         state, places = _packed(state, places, _sizes(batch, count))
     assert found is not None

@@ -5,8 +5,8 @@ import numpy as np
 from ..scenes import Scene
 from ._computed_torque import tracking_acceleration, within_velocity_limits
 from ._judge import End
+from ._object_tracker import Tracker
 from ._physical_arm import PhysicalArm
-from ._tracker import TrackerSettings, lost, observe, start_tracker
 from ._trials import Outcome, Trace, Trial
 
 INTERFACES = ("torque", "velocity", "position")
@@ -31,16 +31,16 @@ class LiveTrial(PhysicalArm):
         scene: Scene,
         trial: Trial,
         hold: float,
-        tracker: TrackerSettings | None,
+        tracker: Tracker | None,
         interface: str,
         seed: tuple[int, ...],
     ):
         scene = scene.at(trial)
         super().__init__(scene, scene.data(trial.q))
         self.there, self.touched = False, list[str]()
-        self._trial, self._hold, self._settings, self._interface = trial, hold, tracker, interface
+        self._trial, self._hold, self._tracker, self._interface = trial, hold, tracker, interface
         self._T = np.array(trial.T_world_object, float)
-        self._tracker = None if tracker is None else start_tracker(tracker, seed, self._T)
+        self._sight = None if tracker is None else tracker.start(scene, self.data, seed)
         self._reference = (np.array(trial.q, float), np.zeros(len(trial.q)))
         self._dt = float(scene.model.opt.timestep)
         self._step = self._braked = self._limited = self._cut = self._good = 0
@@ -56,7 +56,7 @@ class LiveTrial(PhysicalArm):
     @property
     def T_seen(self) -> np.ndarray:
         """The object's pose [4, 4] as the policy believes it."""
-        return self._T if self._tracker is None else self._tracker.seen
+        return self._T if self._sight is None else self._sight.seen
 
     def state(self) -> tuple[np.ndarray, np.ndarray]:
         """Positions and velocities as measured; of the position interface those commanded, of the velocity interface
@@ -69,16 +69,16 @@ class LiveTrial(PhysicalArm):
         moves = self._trial.displacement
         if moves is not None and moves.start <= self.time < moves.start + moves.duration + self._dt:
             self.scene.move_object(self.data, moves.pose(self._trial.T_world_object, self.time))
-        self._T = self.scene.object_pose(self.data)
-        if self._tracker is not None and self._settings is not None:
-            self._tracker = observe(self._settings, self._tracker, self.time, self._T)
         super().sense()
+        self._T = self.scene.object_pose(self.data)
+        if self._tracker is not None:
+            self._sight = self._tracker.observe(self._sight, self.time, self.scene, self.data)
 
     def act(self, qdd: np.ndarray) -> None:
         q, qd = super().state()
         q_ref, qd_ref = self._reference
         going = qd if self._interface == "torque" else qd_ref
-        if self._tracker is not None and self._settings is not None and lost(self._settings, self._tracker, self.time):
+        if self._tracker is not None and self._tracker.age(self._sight, self.time) > self._tracker.keep:
             qdd = -_BRAKE * going
             self._braked += 1
         wanted = allowed = within_velocity_limits(qdd, going, self._speed_limit)
@@ -132,6 +132,7 @@ class LiveTrial(PhysicalArm):
             velocity_limited=self._limited / steps,
             braked_s=self._braked * self._dt,
             ignored=int(self.scene.obstacles().ignored),
+            tracking=None if self._tracker is None else self._tracker.report(self._sight),
         )
 
     def _record(self) -> None:

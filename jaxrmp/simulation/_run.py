@@ -13,9 +13,9 @@ from .._pytree import single
 from ..scenes import Scene
 from ._judge import End, Seen, StopCriteria, Track, judge, margin
 from ._live_trial import DIVERGED, INTERFACES, LiveTrial
+from ._object_tracker import Tracker
 from ._physical_arm import step_all
 from ._step import command
-from ._tracker import TrackerSettings
 from ._trials import Run, Trial
 from ._zero_order_hold import learned_forms, with_held
 
@@ -27,7 +27,7 @@ def run_trials(
     *,
     limit: float = 30.0,
     hold: float = 1.0,
-    tracker: TrackerSettings | None = None,
+    tracker: Tracker | None = None,
     interface: str = "torque",
     learned_rate: float | None = None,
     seed: int = 0,
@@ -42,10 +42,11 @@ def run_trials(
     scene's goal, which is looked at every 10 ms, when something is touched that must not be, diverged, or unfinished.
 
     **Arguments**: `policy`, a pytree with a method `tree(T_world_object, world)`, as `policies.ArmPolicy`; `limit`, s,
-    that a trial may take; `hold`, s, for which the goal must be held; `tracker`, None if the object's true pose is
-    known at all times; `interface`: "torque", computed torque; "velocity" or "position", the policy's accelerations
-    integrated to commands that a loop of torques follows, as inside an arm; `learned_rate`, Hz, at which learned leaves
-    are evaluated and held in between, None for every millisecond; `seed`, of the tracker's noise; `first`, the number
+    that a trial may take; `hold`, s, for which the goal must be held; `tracker`, which alone tells the policy where the
+    object is: a `TrackerSettings` or any other `Tracker`, None if its true pose is known at all times; `interface`:
+    "torque", computed torque; "velocity" or "position", the policy's accelerations integrated to commands that a loop
+    of torques follows, as inside an arm; `learned_rate`, Hz, at which learned leaves
+    are evaluated and held in between, None for every millisecond; `seed`, of the tracker's chance; `first`, the number
     of the first trial, so that a single one can be replayed with its own noise; `aside`, what `policy.leaning` takes
     for each trial, stacked, such as ways round obstacles of `policies.find_detour`, None for the policy as it is;
     `progress`, called with the share of simulated time.

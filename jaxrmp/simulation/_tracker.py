@@ -3,7 +3,7 @@
 A state machine without hidden state: the same settings, seed and true poses give the same observations.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -46,6 +46,22 @@ class TrackerSettings:
                 raise ConfigurationError(f"tracker.{name} is {getattr(self, name)!r}, expected (metres, radians).")
         if not self.silent_after >= 0:
             raise ConfigurationError(f"tracker.silent_after is {self.silent_after!r}, expected seconds.")
+
+    def start(self, scene: Any, data: Any, seed: tuple[int, ...]) -> "TrackerState":
+        """As `Tracker.start`: the object of the `scene` has just been seen where it is in `data`; `seed`, of the
+        noise."""
+        return start_tracker(self, seed, scene.object_pose(data))
+
+    def observe(self, sight: "TrackerState", time: float, scene: Any, data: Any) -> "TrackerState":
+        """As `Tracker.observe`: `sight` after a look at `time`, s, at the object of the `scene` in `data`."""
+        return observe(self, sight, time, scene.object_pose(data))
+
+    def age(self, sight: "TrackerState", time: float) -> float:
+        """Seconds at `time`, s, since the frame of `sight` arrived."""
+        return max(time - sight.stamp - self.delay, 0.0)
+
+    def report(self, sight: "TrackerState") -> None:
+        """Nothing: the errors of `sight` are those of the settings."""
 
 
 PERFECT = TrackerSettings(jitter=(0.0, 0.0), drift=(0.0, 0.0))
@@ -98,11 +114,6 @@ def observe(settings: TrackerSettings, state: TrackerState, time: float, T: np.n
         (stamp, seen), *later = on_the_way
         on_the_way = tuple(later)
     return TrackerState(seen, stamp, frame, drift, on_the_way, seed)
-
-
-def lost(settings: TrackerSettings, state: TrackerState, time: float) -> bool:
-    """Whether the last pose is too old to go on with: older than the delay and `keep`."""
-    return time - state.stamp > settings.delay + settings.keep
 
 
 def _constant(settings: TrackerSettings, seed: tuple[int, ...]) -> np.ndarray:

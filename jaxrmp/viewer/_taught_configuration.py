@@ -25,6 +25,7 @@ def write_configuration(folder: Path, robot: str, hand: str, targeted: bool, fix
         lines.append(f"object = {json.dumps(TARGET)} # the frame that was marked: the skill goes where it goes")
     if fixed:
         lines += ["", "[fixed_joints]", *(f"{json.dumps(name)} = {value}" for name, value in fixed.items())]
+    lines += ["", "[preprocessing]", "gap = 0.3 # s: on a busy machine a page is drawn a few times a second only"]
     for point, offset in _POINTS.items():
         lines += ["", "[[subtasks]]", f"name = {json.dumps(point)}", f"frame = {json.dumps(hand)}"]
         lines.append(f"offset = {list(offset)} # m")

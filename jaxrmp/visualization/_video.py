@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 import tempfile
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -17,8 +18,11 @@ from .._files import atomic_write
 from ..kinematics._mujoco import import_mujoco
 from ..scenes import picture_model
 from ..simulation import Run
+from ._framing import framing
 
-_SIZE = 480, 640
+_SIZE = 720, 1280
+_SNAPSHOT = 480, 600
+_LOOKED = 12  # states of a trial that the camera is to hold
 _PER_SECOND = 25  # every second sample of a trace
 _ENCODING = {
     ".mp4": ["-c:v", "libx264", "-pix_fmt", "yuv420p", "-movflags", "+faststart"],
@@ -57,8 +61,9 @@ def save_video(run: Run, path: str | os.PathLike, trials: int = 3) -> Path:
     check_video_name(path)
     with importing("imageio-ffmpeg", "simulation"):
         from imageio_ffmpeg import get_ffmpeg_exe
-    run = _pictured(run)
+    run, count = _pictured(run), min(trials, len(run.trials))
     height, width = _SIZE
+    camera = _camera(run, range(count), _SIZE)
     command = [get_ffmpeg_exe(), "-y", "-loglevel", "error", "-f", "rawvideo", "-pix_fmt", "rgb24"]
     command += ["-s", f"{width}x{height}", "-r", str(_PER_SECOND), "-i", "-", *_ENCODING[path.suffix]]
     with atomic_write(path) as file, tempfile.TemporaryDirectory() as folder, _renderer(run.scene.model) as renderer:
@@ -66,9 +71,9 @@ def save_video(run: Run, path: str | os.PathLike, trials: int = 3) -> Path:
         with said.open("wb") as errors:
             encoder = subprocess.Popen([*command, str(encoded)], stdin=subprocess.PIPE, stderr=errors)
             with contextlib.suppress(BrokenPipeError), encoder:  # where it ends early, it says why
-                for k in range(min(trials, len(run.trials))):
+                for k in range(count):
                     for t in range(0, len(run.traces[k].time), 2):
-                        encoder.stdin.write(_frame(renderer, run, k, t).tobytes())  # type: ignore[union-attr]
+                        encoder.stdin.write(_frame(renderer, camera, run, k, t).tobytes())  # type: ignore[union-attr]
         if encoder.returncode:
             raise ConfigurationError(f"ffmpeg could not write {str(path)!r}: {said.read_text().strip()}")
         file.write(encoded.read_bytes())
@@ -81,16 +86,28 @@ def snapshots(run: Run, trial: int = 0, count: int = 6) -> np.ndarray:
     Rana et al. 2019, figures 3, 5, 7 and 8. **Raises** `ConfigurationError` where MuJoCo cannot draw.
     """
     instants = np.linspace(0, len(run.traces[trial].time) - 1, count).round().astype(int)
-    run = _pictured(run)
+    run = _pictured(run, smooth=True)
+    camera = _camera(run, [trial], _SNAPSHOT)
     with _renderer(run.scene.model) as renderer:
-        frames = [_frame(renderer, run, trial, int(t)) for t in instants]
-    cut = _SIZE[1] // 8
-    return np.concatenate([frame[:, cut:-cut] for frame in frames], axis=1)
+        frames = [_frame(renderer, camera, run, trial, int(t)) for t in instants]
+    rows, columns = (
+        slice((whole - part) // 2, (whole + part) // 2) for whole, part in zip(_SIZE, _SNAPSHOT, strict=True)
+    )
+    return np.concatenate([frame[rows, columns] for frame in frames], axis=1)
 
 
-def _pictured(run: Run) -> Run:
+def _pictured(run: Run, smooth: bool = False) -> Run:
     """The same run in the model that is drawn."""
-    return run._replace(scene=replace(run.scene, model=picture_model(run.scene)))
+    return run._replace(scene=replace(run.scene, model=picture_model(run.scene, smooth=smooth)))
+
+
+def _camera(run: Run, trials: Iterable[int], part: tuple[int, int]) -> Any:
+    """A camera that holds `trials` of a run in the middle `part` of the picture, pixels."""
+    states = []
+    for k in trials:
+        steps = np.linspace(0, len(run.traces[k].time) - 1, _LOOKED).round().astype(int)
+        states += [_state(run, k, int(t)) for t in steps]
+    return framing(run.scene.model, states, (part[0] / _SIZE[0], part[1] / _SIZE[0]))
 
 
 def _renderer(model: Any) -> Any:
@@ -104,7 +121,8 @@ def _renderer(model: Any) -> Any:
         ) from error
 
 
-def _frame(renderer: Any, run: Run, trial: int, t: int) -> np.ndarray:
+def _state(run: Run, trial: int, t: int) -> Any:
+    """A `mujoco.MjData` of a trial at its sample `t`."""
     mujoco = import_mujoco()
     scene, trace = run.scene.at(run.trials[trial]), run.traces[trial]
     data = scene.fresh()
@@ -112,6 +130,9 @@ def _frame(renderer: Any, run: Run, trial: int, t: int) -> np.ndarray:
     scene.move_object(data, trace.T_world_object[t])
     mujoco.mj_kinematics(scene.model, data)
     mujoco.mj_camlight(scene.model, data)
-    cameras = [scene.model.camera(c).name for c in range(scene.model.ncam)]
-    renderer.update_scene(data, camera="view" if "view" in cameras else -1)
+    return data
+
+
+def _frame(renderer: Any, camera: Any, run: Run, trial: int, t: int) -> np.ndarray:
+    renderer.update_scene(_state(run, trial, t), camera=camera)
     return renderer.render().copy()

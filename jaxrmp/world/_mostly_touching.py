@@ -32,11 +32,21 @@ def without_mostly_touching(robot: Robot, spheres: RobotSpheres, pairs) -> tuple
 
 
 def _configurations(robot: Robot) -> np.ndarray:
-    """The middle of the joints' ranges, and random ones in them; joints without limits turn once."""
+    """The middle of the joints' ranges, and random ones in them."""
+    lower, upper = _ranges(robot)
+    return np.concatenate([(lower + upper)[None] / 2, random_configurations(robot, _CONFIGURATIONS)])
+
+
+def random_configurations(robot: Robot, count: int, seed: int = 0) -> np.ndarray:
+    """Configurations [count, n] drawn evenly within the joints' limits; joints without limits turn once."""
+    lower, upper = _ranges(robot)
+    random = np.random.default_rng(seed).uniform(size=(count, robot.num_joints))
+    return lower + random * (upper - lower)
+
+
+def _ranges(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
     lower, upper = (np.asarray(limit, float) for limit in (robot.lower, robot.upper))
-    lower, upper = np.where(np.isfinite(lower), lower, -np.pi), np.where(np.isfinite(upper), upper, np.pi)
-    random = np.random.default_rng(0).uniform(size=(_CONFIGURATIONS, robot.num_joints))
-    return np.concatenate([(lower + upper)[None] / 2, lower + random * (upper - lower)])
+    return np.where(np.isfinite(lower), lower, -np.pi), np.where(np.isfinite(upper), upper, np.pi)
 
 
 def centers(robot: Robot, spheres: RobotSpheres, q: np.ndarray) -> np.ndarray:

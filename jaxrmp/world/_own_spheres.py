@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from .._errors import FileWarning
+from .._errors import ConfigurationError, FileWarning
 from ..kinematics import Robot
 from ..kinematics._robot_file import line_of_robot_file, toml_key
 from ._cover import TooFineError
@@ -20,10 +20,11 @@ from ._self_pairs import ignored_by_model, link_of, self_pairs
 _FINENESS = (0.008, 0.015, 0.03, 0.06)  # m, how far spheres may stick out; the first is for hands
 # Spheres, the larger of the two: the first fineness that does with as many is taken, else the last.
 _ENOUGH, _ENOUGH_A_JOINT = 100, 6
+_LADDER = (0.006, 0.008, 0.01, 0.012, 0.015, 0.02, 0.025, 0.03, 0.04, 0.05, 0.06, 0.08, 0.1, 0.15)  # m, for a `count`
 _NAMED = 8  # pairs of links that a warning names
 
 
-def own_spheres(robot: Robot, hand: str | Sequence[str] | None = None) -> RobotSpheres:
+def own_spheres(robot: Robot, hand: str | Sequence[str] | None = None, *, count: int | None = None) -> RobotSpheres:
     """Spheres that cover a `robot`, from the geometry of its own file: for the built-in Panda, `panda_spheres()`,
     which need no MuJoCo, as those on its hand do.
 
@@ -33,10 +34,17 @@ def own_spheres(robot: Robot, hand: str | Sequence[str] | None = None) -> RobotS
     again to 1.5, 3 or 6 cm. The result's `coverage_error` is that of the coarsest. The link of the frame `hand`, or of
     each of several, and what it carries, which pass close to things, are covered to 8 mm if possible. Spheres are found
     once, and kept on disk (`spheres_from_model`).
+
+    With a `count`, such as 40 for an arm, it is instead the finest cover by so many spheres at most, all links alike;
+    `coverage_error` says how fine that is.
     **Raises** `NoGeometryError`, a `RobotError`, if the robot was read from no file or its file has no geometry,
     `RobotError` if that cannot be read (meshes that are not there), `ConfigurationError` if 6 cm, or what the robot
-    says, are too fine, `UnknownNameError` for a frame that is not there.
+    says, are too fine, or so few spheres as `count` cannot cover it, `UnknownNameError` for a frame that is not there.
     """
+    if count is not None:
+        if hand is not None:
+            raise ConfigurationError("count is for a cover without a finer hand: give the one or the other.")
+        return _by_count(robot, count)
     links = {link_of(robot, name) for name in ((hand,) if isinstance(hand, str) else hand or ())}
     if (cover := built_in_cover(robot)) is not None and not robot.model.cover_error:
         carried = carried_by(robot, links, cover.spheres.frames)
@@ -47,14 +55,37 @@ def own_spheres(robot: Robot, hand: str | Sequence[str] | None = None) -> RobotS
     return found_spheres(robot, links)
 
 
+def _by_count(robot: Robot, count: int) -> RobotSpheres:
+    """The finest of `_LADDER` by at most `count` spheres, by bisection."""
+    model = geometry_of_model(robot)
+    only = _bodies_of(robot, model)
+    best, low, high = None, 0, len(_LADDER)
+    while low < high:
+        middle = (low + high) // 2
+        found = _within(model, robot.source, _LADDER[middle : middle + 1], only, count)
+        best, low, high = (best, middle + 1, high) if found is None else (found, low, middle)
+    if best is None:
+        parts = len(only or bodies_with_geometry(model))
+        raise ConfigurationError(
+            f"count={count} spheres cannot cover {robot.name!r}, of {parts} links with geometry, to {_LADDER[-1]} m: "
+            "give more."
+        )
+    return best
+
+
+def _bodies_of(robot: Robot, model: Any) -> tuple[str, ...] | None:
+    """Those of a file's bodies with geometry that are the robot's, which may be a branch; None for all."""
+    covered, own = bodies_with_geometry(model).values(), {body.name for body in robot.model.bodies}
+    bodies = tuple(name for name in covered if name in own)
+    return None if len(bodies) == len(covered) else bodies
+
+
 def found_spheres(robot: Robot, links: Collection[int] = ()) -> RobotSpheres:
     """`own_spheres`, found from the robot's file, whoever's it is, with the bodies `links` and what they carry fine."""
     model = geometry_of_model(robot)
     most = max(_ENOUGH, _ENOUGH_A_JOINT * robot.num_joints)
-    covered = list(bodies_with_geometry(model).values())
-    of_robot = {name: i for i, name in enumerate(body.name for body in robot.model.bodies)}
-    bodies = {name: of_robot[name] for name in covered if name in of_robot}  # of its file, it may be a branch
-    only, asked = None if len(bodies) == len(covered) else tuple(bodies), robot.model.cover_error
+    only, asked = _bodies_of(robot, model), robot.model.cover_error
+    bodies = only or tuple(bodies_with_geometry(model).values())
     if asked:
         whole = cover_model(model, asked, only, robot.source)
         links = () if asked <= _FINENESS[0] else links

@@ -6,10 +6,13 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
-from .._errors import UnknownNameError
+from .._errors import ConfigurationError, UnknownNameError
 from ..kinematics import Robot, panda
 from ._panda_cover import built_in_cover, panda_cover, panda_spheres
 from ._robot_spheres import geometry_of_model
+
+MOST_PAIRS = 20_000
+"""Of points that must be kept apart: with more, a policy takes minutes to compile and gigabytes to run in batches."""
 
 
 def self_pairs(
@@ -22,7 +25,8 @@ def self_pairs(
 
     **Arguments**: `robot`; `frames`, the frame of each point, as `RobotSpheres.frames`; `ignore`, for a frame the
     frames that it may touch, as in an XRDF's `self_collision`; each holds both ways.
-    **Returns** pairs (i, j), i < j, for `SelfDistances`. **Raises** `UnknownNameError` for a frame that is not there.
+    **Returns** pairs (i, j), i < j, for `SelfDistances`. **Raises** `UnknownNameError` for a frame that is not there,
+    `ConfigurationError` for more pairs than a policy can have, `MOST_PAIRS`.
     """
     links = {name: link_of(robot, name) for name in frames}
     bodies = robot.model.bodies
@@ -40,6 +44,11 @@ def self_pairs(
     ]
     at = np.array([names.index(name) for name in frames], int)
     meet = np.tril(np.array(apart, bool).reshape(len(names), len(names))[np.ix_(at, at)], -1)
+    if (count := int(meet.sum())) > MOST_PAIRS:
+        raise ConfigurationError(
+            f"{len(frames)} points on {robot.name!r} make {count} pairs, more than {MOST_PAIRS}. Have fewer spheres: "
+            "world.own_spheres(robot, count=40), or a larger max_error."
+        )
     return tuple((int(i), int(j)) for j, i in np.argwhere(meet))
 
 

@@ -109,6 +109,9 @@ def test_readme_code_runs(monkeypatch, capsys):
     assert namespace["qdd"].shape == (7,)
     assert namespace["jaxrmp"].uncertified_leaves(namespace["safer"]) == ()
     assert "Certificate(" in capsys.readouterr().out
+    near, run = namespace["near"], namespace["run"]
+    through, past = (jax.vmap(near)(run(namespace[name]).q).min() for name in ("tree", "safer"))
+    assert through < -0.02 and past > 0  # the ball is in the way, and is avoided
 
 
 @pytest.mark.parametrize("path", GUIDES, ids=lambda p: p.stem)

@@ -97,3 +97,15 @@ def test_a_robot_file_is_found_from_the_configurations_folder(tmp_path):
     (tmp_path / "arm.toml").write_text(text)
     assert load_configuration(tmp_path / "arm.toml").robot == str(tmp_path / "robots" / "arm.urdf")
     assert load_configuration(tmp_path / "arm.toml", {"robot": "here.urdf"}).robot == "here.urdf"
+
+
+def test_examples_are_named_without_a_path(monkeypatch, tmp_path):
+    file = Path(__file__).parents[2] / "configs" / "door_reaching.toml"
+    expected = load_configuration(file)
+    monkeypatch.chdir(tmp_path)
+    assert load_configuration("door_reaching") == expected
+    with pytest.raises(ConfigurationError, match="Examples, by their names alone: door_reaching, drawer_closing"):
+        load_configuration("door_closing")
+    (tmp_path / "door_reaching").write_text('name = "own"')  # a file of that name comes first
+    with pytest.raises(ConfigurationError, match="subtasks"):
+        load_configuration("door_reaching")

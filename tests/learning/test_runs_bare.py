@@ -103,6 +103,7 @@ print(json.dumps([
 """,
         old,
     )
+    found = [f"{message.partition(', or, in a clone of jaxrmp, pip install -e')[0]}." for message in found]
     start, robot = "mujoco is needed for robot ", "and is not installed: pip install 'jaxrmp[robots]'."
     assert found[0].startswith(start) and found[0].endswith(
         f"which a skill file before version 8 does not hold, {robot}"

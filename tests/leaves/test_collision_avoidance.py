@@ -11,8 +11,9 @@ from jaxrmp.simulation import rollout
 
 pytestmark = pytest.mark.usefixtures("x64")
 
-COMPACT = dict(epsilon=0.1, barrier=0.03, damping_rate=0.8, reach=0.2, sigma=0.4)
-POWER = dict(epsilon=0.1, barrier=0.003, damping_rate=0.8, floor=0.3, form="power")
+COMPACT = dict(epsilon=0.1, barrier=0.03, damping_rate=0.8, reach=0.2, sigma=0.4, frequency=np.inf)
+POWER = dict(epsilon=0.1, barrier=0.003, damping_rate=0.8, floor=0.3, frequency=np.inf, form="power")
+PUBLISHED = dict(epsilon=0.2, barrier=1e-5, damping_rate=0.0, sigma=0.5, frequency=np.inf)
 
 
 def at(*values):
@@ -22,7 +23,7 @@ def at(*values):
 @pytest.mark.parametrize(("epsilon", "mass"), [(0.2, 7.580), (1e-3, 6.751)])
 def test_check_value(epsilon, mass):
     """At x = 0.7, xd = -0.9; without the 1/2 of the curvature mass it would be 10.954 for epsilon = 0.2."""
-    leaf = CollisionAvoidance(epsilon=epsilon, form="power")
+    leaf = CollisionAvoidance(**(PUBLISHED | dict(epsilon=epsilon)), form="power")
     M = leaf(at(0.7), at(-0.9)).M[0, 0]
     assert abs(M - mass) < 5e-4
     np.testing.assert_allclose(M, 0.7**-4 * (epsilon + 2 * 0.9**2), rtol=1e-14)
@@ -73,7 +74,7 @@ def test_below_the_floor_it_is_finite_constant_and_outwards(leaf):
     [
         (CollisionAvoidance(**COMPACT), -0.05, 0.3),
         (CollisionAvoidance(**POWER), -0.2, 2.0),
-        (CollisionAvoidance(**COMPACT, frequency=40.0), -0.05, 0.3),
+        (CollisionAvoidance(**(COMPACT | dict(frequency=40.0))), -0.05, 0.3),
     ],
     ids=["compact", "power", "with inertia"],
 )
@@ -96,7 +97,7 @@ def test_a_pull_into_an_obstacle_does_not_enter_it():
     run = jax.jit(lambda tree: rollout(tree, jnp.array([-1.0, 0.0, 0.1]), duration=6.0, dt=1e-3).q)
     distance = lambda q: np.linalg.norm(q - center, axis=1).min() - radius  # noqa: E731
     assert distance(run(pull)) < -0.1
-    for gains in (dict(barrier=0.5), dict(barrier=1e-3, form="power")):
+    for gains in ({}, PUBLISHED | dict(barrier=0.5), PUBLISHED | dict(barrier=1e-3, form="power")):
         path = run(pull + pullback(Distance(center, radius), CollisionAvoidance(**gains)))
         assert distance(path) > 0, gains
 
@@ -112,7 +113,7 @@ def test_little_mass_meets_a_high_barrier_in_steps_of_a_millisecond(start, push)
     pull = Attractor(at(-5.0), weight_near=0.02, weight_far=0.02, gain=push / 0.02, damping_rate=0.0)
     rises = {}
     for frequency in (float("inf"), 60.0):
-        leaf = CollisionAvoidance(epsilon=0.01, barrier=0.1, reach=0.1, floor=0.002, frequency=frequency)
+        leaf = CollisionAvoidance(0.01, 0.1, 0.0, 0.1, 0.5, 0.002, frequency)
         path = second_of(pull + leaf, at(start))
         rises[frequency] = np.diff(np.asarray(path.energy)).max() / np.ptp(path.energy)
     assert np.asarray(path.q).min() > 0.002 and np.abs(path.qd).max() < 10
@@ -139,4 +140,4 @@ def test_bad_parameters_are_named():
         with pytest.raises(ConfigurationError, match=f"{name} of CollisionAvoidance is {value}, expected"):
             CollisionAvoidance(**{name: value})
     with pytest.raises(ConfigurationError, match=r"floor is 0.07 and reach 0.07: expected floor < reach"):
-        CollisionAvoidance(floor=0.07)
+        CollisionAvoidance(floor=0.07, reach=0.07)

@@ -8,7 +8,15 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxrmp import RobotError, ShapeError, UnsafeFileWarning, certificate, policies, uncertified_leaves
+from jaxrmp import (
+    ConfigurationError,
+    RobotError,
+    ShapeError,
+    UnsafeFileWarning,
+    certificate,
+    policies,
+    uncertified_leaves,
+)
 from jaxrmp.kinematics import forward_kinematics, load_robot, load_robot_from_string, panda
 from jaxrmp.leaves import CollisionAvoidance, JointLimit
 from jaxrmp.policies import NOTHING
@@ -134,3 +142,10 @@ def test_a_rest_or_a_target_of_another_shape_is_told():
         policies.posture(panda(), np.zeros(5))
     with pytest.raises(ShapeError, match="T_world_target"):
         policies.reaching_policy(panda(), "panda_hand_tcp").tree(np.zeros(3), World())
+
+
+def test_a_rest_in_which_links_touch_names_them():
+    folded = np.array([0.0, 0.0, 0.0, -3.0, 0.0, 0.0, 0.0])
+    with pytest.raises(ConfigurationError, match=r"spheres on panda_\w+ and panda_\w+ overlap by .* cm .*find_rest"):
+        policies.reaching_policy(panda(), "panda_hand_tcp", rest=folded)
+    assert policies.reaching_policy(panda(), "panda_hand_tcp", rest=folded, self_collision=False).spheres is not None

@@ -5,7 +5,6 @@ import pytest
 
 from jaxrmp import ConfigurationError, simulation
 from jaxrmp.simulation import PERFECT, TrackerSettings, observe, start_tracker
-from jaxrmp.simulation._tracker import lost
 
 
 def moving(t):
@@ -72,7 +71,7 @@ def test_bias_stays():
 def test_silence_is_noticed_after_the_stated_time():
     settings = TrackerSettings(jitter=(0, 0), drift=(0, 0), silent_after=1.0, keep=0.3, delay=0.1)
     states = watch(settings, 2.0)
-    gone = [lost(settings, s, 0.001 * k) for k, s in enumerate(states)]
+    gone = [settings.age(s, 0.001 * k) > settings.keep for k, s in enumerate(states)]
     assert not any(gone[:1350]) and all(gone[1450:])
 
 

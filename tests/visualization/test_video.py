@@ -22,7 +22,7 @@ def drawn(monkeypatch):
     """Grey pictures instead of MuJoCo's, the brighter the later; filled with how many were kept as each was drawn."""
     pictures, kept = [], []
 
-    def frame(renderer, run, trial, t):
+    def frame(renderer, camera, run, trial, t):
         kept.append(sum(picture() is not None for picture in pictures))
         picture = np.full((*_video._SIZE, 3), 40 * trial + t, np.uint8)
         pictures.append(weakref.ref(picture))
@@ -30,6 +30,7 @@ def drawn(monkeypatch):
 
     monkeypatch.setattr(_video, "_renderer", lambda model: nullcontext())
     monkeypatch.setattr(_video, "_pictured", lambda run: run)
+    monkeypatch.setattr(_video, "_camera", lambda run, trials, part: None)
     monkeypatch.setattr(_video, "_frame", frame)
     return kept
 

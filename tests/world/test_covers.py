@@ -3,14 +3,26 @@
 import warnings
 from types import SimpleNamespace
 
+import jax
 import mujoco
 import numpy as np
 import pytest
 from scipy.spatial import ConvexHull
 
 from jaxrmp import ConfigurationError, NoGeometryError, RobotError, UnsafeFileWarning, policies
-from jaxrmp.kinematics import load_robot, load_robot_from_string
-from jaxrmp.world import RobotSpheres, _robot_spheres, own_self_pairs, own_spheres, spheres_from_model
+from jaxrmp.kinematics import load_robot, load_robot_from_string, panda
+from jaxrmp.world import (
+    RobotSpheres,
+    SelfDistances,
+    _robot_spheres,
+    own_self_pairs,
+    own_spheres,
+    panda_self_pairs,
+    panda_spheres,
+    self_pairs,
+    spheres_from_model,
+    without_never_near,
+)
 
 HINGE = '<joint name="{}" axis="0 0 1" range="-1 1" limited="true"/>'
 
@@ -230,3 +242,36 @@ def test_pairs_that_always_touch_are_left_out(tmp_path):
     frames, offsets = ("bare", "bare", "gripper"), np.array([[0.3, 0, 0], [0.3, 0, 0], [0, 0, 0]])
     assert own_self_pairs(robot, RobotSpheres(frames, offsets, np.array([0.1, 0.25, 0.1]))) == ((0, 2),)
     assert own_self_pairs(robot, RobotSpheres((), np.zeros((0, 3)), np.zeros(0))) == ()
+
+
+def test_a_robot_is_covered_by_as_many_spheres_as_are_wanted(tmp_path):
+    path = tmp_path / "robot.xml"
+    path.write_text(LINKS)
+    robot = load_robot(path)
+    covers = [own_spheres(robot, count=count) for count in (12, 40)]
+    assert all(cover.size <= count for cover, count in zip(covers, (12, 40), strict=True))
+    errors = [cover.coverage_error for cover in covers]
+    assert errors == sorted(errors, reverse=True) and errors[0] > errors[-1] > 0
+    with pytest.raises(ConfigurationError, match=r"count=1 spheres cannot cover"):
+        own_spheres(robot, count=1)
+
+
+def test_more_pairs_than_a_policy_can_have_are_told_and_not_made(tmp_path):
+    path = tmp_path / "robot.xml"
+    path.write_text(LINKS)
+    frames = ("bare",) * 300 + ("gripper",) * 300
+    with pytest.raises(ConfigurationError, match=r"make 90000 pairs.*count=40"):
+        self_pairs(load_robot(path), frames)
+
+
+def test_pairs_that_are_left_out_as_never_near_are_not():
+    robot, spheres = panda(), panda_spheres()
+    pairs = panda_self_pairs()
+    kept = without_never_near(robot, spheres, pairs)
+    assert 0 < len(kept) < len(pairs)
+    left = np.array(sorted(set(pairs) - set(kept)))
+    q = np.random.default_rng(99).uniform(robot.lower, robot.upper, (4000, 7))
+    gaps = jax.jit(jax.vmap(SelfDistances(spheres.points(robot), left.tolist(), spheres.radii)))(q.astype(np.float32))
+    assert gaps.min() > 0.06  # beyond where self avoidance is felt
+    always = SelfDistances(spheres.points(robot), kept, spheres.radii)
+    assert jax.jit(jax.vmap(always))(q.astype(np.float32)).min(0).max() < 0.2

@@ -1,0 +1,202 @@
+"""Commands that are ended from outside: by signals, by a disk without room, by a folder that takes no files."""
+
+import contextlib
+import json
+import os
+import resource
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import jax
+import numpy as np
+import pytest
+
+from jaxrmp import ConfigurationError, learning, synthetic
+from jaxrmp.cli import main
+from jaxrmp.evaluation import evaluate, limit_leaf, sample_starts, skill_problem
+from jaxrmp.kinematics import panda
+from jaxrmp.simulation import KinematicEngine, StopCriteria
+
+CONFIG = str(Path(__file__).parents[2] / "configs" / "drawer_closing.toml")
+LONG = ["--starts", "100000", "--batch", "16", "--dt", "0.001"]
+
+
+@pytest.fixture(scope="module")
+def skill_file(tmp_path_factory):
+    configuration = learning.load_configuration(CONFIG, {"flow.updates": 50})
+    learned = learning.learn(configuration, panda(), synthetic.synthetic_demonstrations("drawer_closing"))
+    return str(learning.save_skill(learned.skill, tmp_path_factory.mktemp("skill") / "drawer.skill.npz"))
+
+
+def started(*arguments: str, until: str) -> subprocess.Popen:
+    """The command in a process of its own, once it has printed `until`."""
+    cache = str(jax.config.jax_compilation_cache_dir or "")
+    environment = {**os.environ, "PYTHONUNBUFFERED": "1", "JAX_COMPILATION_CACHE_DIR": cache}
+    command = [sys.executable, "-m", "jaxrmp", *arguments]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment)
+    assert process.stderr is not None
+    said = []
+    for line in process.stderr:
+        said.append(line)
+        if until in line:
+            return process
+    pytest.fail(f"{arguments} never said {until!r}: {''.join(said)}")
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
+def test_a_signal_ends_rollouts_and_what_has_ended_is_kept(skill_file, tmp_path, number, code):
+    report = tmp_path / "report.json"
+    process = started("evaluate", skill_file, *LONG, "--json", str(report), until=" ended, ")
+    process.send_signal(number)
+    _, rest = process.communicate(timeout=60)
+    assert process.returncode == code and "interrupted" in rest and "Traceback" not in rest
+    assert [file.name for file in tmp_path.iterdir()] == ["report.finished.npz"]
+    with np.load(tmp_path / "report.finished.npz") as kept:
+        assert 0 < kept["done"].sum() < 100000
+
+
+def test_a_signal_ends_a_step_that_does_not_hear_it(tmp_path):
+    program = (
+        "import signal, sys, time\n"
+        "from jaxrmp._files import atomic_write\n"
+        "from jaxrmp.cli._ending import ended_by_signals\n"
+        "with ended_by_signals(), atomic_write(sys.argv[1] + '/half'):\n"
+        "    signal.signal(signal.SIGTERM, lambda *_: None)\n"  # as in a compilation, where no handler of Python runs
+        "    print('deaf', flush=True)\n"
+        "    time.sleep(60)\n"
+    )
+    command = [sys.executable, "-c", program, str(tmp_path)]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert process.stdout is not None and process.stdout.readline() == "deaf\n"
+    assert len(os.listdir(tmp_path)) == 1  # half written
+    process.send_signal(signal.SIGTERM)
+    _, said = process.communicate(timeout=30)
+    assert process.returncode == 143 and "interrupted" in said
+    assert os.listdir(tmp_path) == []
+
+
+def test_no_process_outlives_the_one_that_started_it(skill_file, tmp_path):
+    command = ["evaluate", skill_file, *LONG, "--processes", "2", "--json", str(tmp_path / "report.json")]
+    for number in (signal.SIGTERM, signal.SIGKILL):
+        process = started(*command, until=" rollouts (kinematic)")
+        children = _children(process.pid)
+        assert len(children) >= 2
+        process.send_signal(number)
+        process.wait(timeout=60)
+        deadline = time.monotonic() + 60
+        while any(map(_alive, children)):
+            assert time.monotonic() < deadline, "a process of several lives on"
+            time.sleep(0.1)
+
+
+def _children(pid: int) -> list[int]:
+    return [int(child) for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+
+
+def _alive(pid: int) -> bool:
+    with contextlib.suppress(OSError):
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    return False
+
+
+def test_what_processes_say_is_labelled(skill_file, tmp_path):
+    report = tmp_path / "report.json"
+    command = ["evaluate", skill_file, "--starts", "8", "--duration", "2", "--dt", "0.01", "--processes", "2"]
+    environment = {**os.environ, "JAX_COMPILATION_CACHE_DIR": str(jax.config.jax_compilation_cache_dir or tmp_path)}
+    done = subprocess.run(
+        [sys.executable, "-m", "jaxrmp", *command, "--json", str(report)],
+        capture_output=True,
+        check=False,
+        text=True,
+        env=environment,
+    )
+    assert done.returncode == 0, done.stderr
+    assert "process 0: " in done.stderr and "process 1: " in done.stderr
+    assert json.loads(report.read_text())["starts"] == 8
+    assert list(tmp_path.glob("*.finished*")) == []
+
+
+def test_an_evaluation_goes_on_from_what_was_kept(skill_file, tmp_path):
+    skill, robot = learning.load_skill(skill_file), panda()
+    problem = skill_problem(skill, robot)
+    engine = KinematicEngine(problem, StopCriteria(duration=4.0), dt=0.005)
+    starts = sample_starts(problem, 24)
+    keep = tmp_path / "kept.npz"
+
+    class Stopped(Exception):
+        pass
+
+    def stop(ended: int, own: int) -> None:
+        if ended >= 8:
+            raise Stopped
+
+    def evaluated(**options):
+        return evaluate(engine, problem, limit_leaf(skill, robot), starts, batch=8, **options)
+
+    with pytest.raises(Stopped):
+        evaluated(progress=stop, keep=keep)
+    with np.load(keep) as kept:
+        done = int(kept["done"].sum())
+    assert 8 <= done < 24
+    counts = []
+    again = evaluated(progress=lambda ended, own: counts.append(ended), keep=keep)
+    assert counts[0] == done and counts[-1] == 24
+    whole = evaluated()
+    np.testing.assert_array_equal(again.ends.kind, whole.ends.kind)
+    np.testing.assert_allclose(again.outcomes.q, whole.outcomes.q, atol=1e-4)
+    np.testing.assert_allclose(again.outcomes.track.margin, whole.outcomes.track.margin, atol=1e-4)
+    with pytest.raises(ConfigurationError, match="another evaluation"):
+        evaluate(engine, problem, None, starts[:8] + 0.01, keep=keep)
+    keep.write_bytes(b"damaged")
+    with pytest.raises(ConfigurationError, match="remove it"):
+        evaluated(keep=keep)
+
+
+def test_resume_asks_for_what_it_needs(skill_file, tmp_path, capsys):
+    assert main(["evaluate", skill_file, "--resume"]) == 1
+    assert "--json" in capsys.readouterr().err
+    assert main(["evaluate", skill_file, "--resume", "--json", str(tmp_path / "r.json")]) == 1
+    assert "nothing is kept" in capsys.readouterr().err
+
+
+WRITES = [
+    ["demonstrate", "drawer_closing", "OUT", "--count", "2"],
+    ["export", "SKILL", "--c", "OUT"],
+    ["reproduce", "SKILL", "--json", "OUT/r.json", "--demos", "synthetic:drawer_closing"],
+]
+
+
+@pytest.mark.parametrize("command", WRITES, ids=lambda command: command[0])
+def test_a_disk_without_room_leaves_nothing_half_written(skill_file, tmp_path, capsys, command):
+    out = tmp_path / "out"
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100, before[1]))  # files may have 100 bytes: what is longer fails
+    try:
+        code = main([word.replace("OUT", str(out)).replace("SKILL", skill_file) for word in command])
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    said = capsys.readouterr().err
+    assert code == 1 and "cannot write" in said and "Traceback" not in said
+    assert [file for file in out.rglob("*") if file.is_file() and file.stat().st_size >= 100] == []
+    assert list(out.rglob(".*")) == []
+
+
+@pytest.mark.parametrize("command", WRITES, ids=lambda command: command[0])
+def test_a_place_that_takes_no_files_is_told(skill_file, tmp_path, capsys, command):
+    (tmp_path / "file").write_text("")
+    out = tmp_path / "file" / "out"
+    assert main([word.replace("OUT", str(out)).replace("SKILL", skill_file) for word in command]) == 1
+    said = capsys.readouterr().err
+    assert "cannot write" in said and str(tmp_path) in said
+
+
+def test_signals_are_as_before_once_a_command_is_over(tmp_path):
+    before = [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)]
+    assert main(["check", CONFIG, "--quiet"]) in (0, 1)
+    assert [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)] == before
+    assert signal.set_wakeup_fd(-1) == -1
+    assert not [thread for thread in threading.enumerate() if thread.name == "listen"]
