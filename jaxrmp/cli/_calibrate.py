@@ -75,7 +75,7 @@ def _postures(time: np.ndarray, q: np.ndarray, count: int) -> list[int]:
         speed[:-1], speed[1:] = step, np.maximum(speed[1:], step)
     still = np.flatnonzero(speed < _STILL)
     if len(still) < min(count, len(q)):
-        tell("the robot moves in nearly all images, so that times of joints and images count: let it stand still.")
+        tell("between images the robot moves: what is not of one moment, joints and image, makes the pose wrong.")
         still = np.arange(len(q))
     chosen = [int(still[0])]
     while len(chosen) < min(count, len(still)):

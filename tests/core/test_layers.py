@@ -85,7 +85,6 @@ LAYERS = {
         "perception",
         "kinematics",
         "learning",
-        "perception",
         "policies",
         "reports",
         "scenes",
