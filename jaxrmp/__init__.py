@@ -77,6 +77,7 @@ from .xla import Compiled as Compiled
 from .xla import compiled as compiled
 
 _ON_FIRST_USE = (
+    "environments",
     "evaluation",
     "export",
     "hardware",
@@ -85,6 +86,7 @@ _ON_FIRST_USE = (
     "perception",
     "policies",
     "scenes",
+    "sequences",
     "simulation",
     "synthetic",
     "viewer",

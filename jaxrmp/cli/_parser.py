@@ -115,15 +115,16 @@ _COMMANDS: dict[str, tuple[str, str, str, list[tuple[str, dict[str, Any]]]]] = {
         ],
     ),
     "run": (
-        "run a skill in physics",
+        "run a skill or a sequence in physics",
         "Trials in MuJoCo at 1 kHz with contacts and torque limits: first from every demonstration's "
         "start, then with seeded variations of them. What varies and what success is, the scene says: the drawer "
-        "closed to 5 mm; the hand at the standoff pose to 1 cm and 10 degrees, nothing touched.",
+        "closed to 5 mm; the hand at the standoff pose to 1 cm and 10 degrees, nothing touched. Of a sequence: its "
+        "states one after the other in one simulation, how each ended, and its energy.",
         f"{_DRAWER} --scene drawer --video out/drawer.mp4",
         [
-            _argument("SKILL", _SKILL),
+            _argument("SKILL", _SKILL + ", or a sequence, FILE.toml"),
             _argument("--scene SCENE", _SCENE, required=True),
-            _argument("--trials N", "how many trials", 6),
+            _argument("--trials N", "how many trials, default 6, of a sequence 1"),
             _argument("--trial K", "run trial K of these alone: replays it"),
             _argument("--displace", "move the object by 10 cm during execution"),
             _argument("--demos DIR", _LEARNED_FROM, type=str),

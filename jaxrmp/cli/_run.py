@@ -20,15 +20,20 @@ from ._camera import camera_report, camera_spheres, check_camera, noise_of, scen
 from ._camera_words import seen_in_words
 from ._output import aligned, made_by, progress_bar, tell, write_json
 from ._report_pages import FIGURES, pictures_in, run_page
+from ._run_sequence import run_sequence
 from ._sources import demonstrations_of, scene_of
 
 # The options, besides the tracker's, that decide what happens.
 _DECISIVE = ("scene", "trial", "trials", "displace", "seed", "limit", "interface", "learned_rate", "detour")
 _OF_CAMERA = ("camera", "camera_distance", "camera_at")
+_TRIALS = 6
 _AHEAD = 10.0  # s that a look ahead is long, at most
 
 
 def run(arguments: argparse.Namespace, rest: list[str]) -> None:
+    if arguments.skill.endswith(".toml"):
+        return run_sequence(arguments)
+    arguments.trials = _TRIALS if arguments.trials is None else arguments.trials
     if arguments.video:
         visualization.check_video_name(arguments.video)
     check_camera(arguments)

@@ -6,6 +6,7 @@ from ._door import door as door
 from ._drawer import drawer as drawer
 from ._drawer_obstacle import Cylinder as Cylinder
 from ._drawer_obstacle import drawer_obstacle as drawer_obstacle
+from ._gripper import Gripper as Gripper
 from ._meshes import panda_meshes as panda_meshes
 from ._meshes import picture_model as picture_model
 from ._named import SCENES as SCENES

@@ -13,6 +13,7 @@ from .._task_map import check_rigid
 from ..kinematics import Robot
 from ..kinematics._mujoco import import_mujoco
 from ..world import World
+from ._gripper import Gripper, Width
 
 START_SPREAD = 0.15
 """Of every joint around a demonstrated start, rad."""
@@ -52,7 +53,7 @@ class Scene:
     where it is at first; `may_touch`, the geometries that the arm may touch, besides which it must touch nothing;
     `standing`, bodies of the arm that stand on something; `joint`, the one that the task moves, if any, and `start`,
     where it is at first (m, rad); `plotted`, how it is drawn; `tracked`, the object that a skill must have been taught
-    with, empty for the frame of the arm's base.
+    with, empty for the frame of the arm's base; `gripper`, what moves the fingers, None where they are held.
 
     What success is: `goal`, in a word or two, is reached while `left` says so and the hand is slower than `speed`, m/s.
     Here: the hand within `position`, m, and `angle`, rad, of `T_object_hand` [4, 4], where the demonstrations left it
@@ -82,6 +83,7 @@ class Scene:
     speed: float = float("inf")
     per_round: bool = False
     T_object_hand: np.ndarray | None = None
+    gripper: Gripper | None = None
     model: Any = None
 
     def __post_init__(self):
@@ -96,6 +98,11 @@ class Scene:
         except ValueError as error:
             raise RobotError(f"scene {self.name!r}: MuJoCo cannot compile its model: {error}") from error
         self._check()
+
+    @property
+    def judges(self) -> bool:
+        """Whether `left` has a goal to judge by."""
+        return self.T_object_hand is not None or type(self).left is not Scene.left
 
     def left(self, data: Any) -> Left:
         """What is left to the goal in `data`, a state of the model: a `mujoco.MjData`."""
@@ -123,6 +130,13 @@ class Scene:
         """What the policy is told to avoid with the object at `T_world_object`, default at first. Here: nothing."""
         return World()
 
+    def moving_obstacles(self, data: Any, time: float) -> World | None:
+        """What the policy is told to avoid `time` seconds after the start of a trial, for obstacles that move by
+        themselves: this moves them in `data`, from MuJoCo's next step on, and tells where they are now, in a world of
+        as many slots as `obstacles`. Here, None: they stand still, as they do for `evaluate`.
+        """
+        return None
+
     def at(self, trial: Any) -> "Scene":
         """The scene as it is in `trial`, a `simulation.Trial`; the model is shared."""
         return replace(self, **{**dict(trial.changes), "T_world_object": check_rigid(trial.T_world_object)})
@@ -137,6 +151,9 @@ class Scene:
         self.place(data, self.T_world_object)
         if self.joint:
             data.joint(self.joint).qpos[0] = self.start
+        if self.gripper is not None:
+            self.move_gripper(data, "open")
+        self.moving_obstacles(data, 0.0)
         return data
 
     def data(self, q: np.ndarray) -> Any:
@@ -157,6 +174,16 @@ class Scene:
                 "the object."
             )
         return data
+
+    def move_gripper(self, data: Any, width: Width) -> None:
+        """Tell the fingers in `data` to be "open", "close" or `width` apart, m, from MuJoCo's next step on.
+
+        **Raises** `ConfigurationError` for a width that they do not have, or where the scene holds them.
+        """
+        if self.gripper is None:
+            raise ConfigurationError(f"scene {self.name!r} holds the fingers: it has no scenes.Gripper.")
+        for name in self.gripper.actuators:
+            data.actuator(name).ctrl = self.gripper.control(width)
 
     def place(self, data: Any, T_world_object: np.ndarray) -> None:
         """Put the object, and all with it, at `T_world_object` [4, 4] in `data`, from MuJoCo's next step on.
@@ -312,8 +339,13 @@ class Scene:
         there = [m.joint(j).name for j in range(m.njnt)]
         for name in (*self.robot.joint_names, *([self.joint] if self.joint else ())):
             UnknownNameError.check(f"joint of scene {self.name!r}", name, there)
+        gripped = self.gripper.joints if self.gripper else ()
+        for name in self.gripper.actuators if self.gripper else ():
+            UnknownNameError.check(f"actuator of scene {self.name!r}", name, [m.actuator(a).name for a in range(m.nu)])
+        for name in gripped:
+            UnknownNameError.check(f"finger's joint of scene {self.name!r}", name, there)
         for joint in self.robot.model.joints:
-            if joint.coordinate < 0 and joint.name in there:
+            if joint.coordinate < 0 and joint.name in there and joint.name not in gripped:
                 raise RobotError(
                     f"scene {self.name!r}: joint {joint.name!r} is locked in the robot and moves in the model. "
                     "Delete it there, its body where it shall stay."

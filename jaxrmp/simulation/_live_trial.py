@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from ..scenes import Scene
+from .._pytree import single
+from ..scenes import Left, Scene
 from ._computed_torque import tracking_acceleration, within_velocity_limits
 from ._judge import End
 from ._object_tracker import Tracker
@@ -23,7 +24,8 @@ _RECORD = 20  # steps between recorded samples
 class LiveTrial(PhysicalArm):
     """A trial that is under way: an arm that follows a tracker, through an interface, and is watched.
 
-    `there`, whether the scene's goal has been held for `hold` seconds; `touched`, what must not be and was.
+    `there`, whether the scene's goal has been held for `hold` seconds; `touched`, what must not be and was; `world`,
+    what the policy is told to avoid, and `obstacles_move`, whether that changes.
     """
 
     def __init__(
@@ -38,6 +40,7 @@ class LiveTrial(PhysicalArm):
         scene = scene.at(trial)
         super().__init__(scene, scene.data(trial.q))
         self.there, self.touched = False, list[str]()
+        self.world, self.obstacles_move = single(scene.obstacles()), False
         self._trial, self._hold, self._tracker, self._interface = trial, hold, tracker, interface
         self._T = np.array(trial.T_world_object, float)
         self._sight = None if tracker is None else tracker.start(scene, self.data, seed)
@@ -69,6 +72,9 @@ class LiveTrial(PhysicalArm):
         moves = self._trial.displacement
         if moves is not None and moves.start <= self.time < moves.start + moves.duration + self._dt:
             self.scene.move_object(self.data, moves.pose(self._trial.T_world_object, self.time))
+        told = self.scene.moving_obstacles(self.data, self.time)
+        if told is not None:
+            self.world, self.obstacles_move = single(told), True
         super().sense()
         self._T = self.scene.object_pose(self.data)
         if self._tracker is not None:
@@ -108,7 +114,8 @@ class LiveTrial(PhysicalArm):
         self._record()
         if end != End.DIVERGED:
             self._least = min(self._least, self.scene.clearance(self.data))
-        left, goal, steps = self.scene.left(self.data), self.scene.goal, max(self._step, 1)
+        left = self.scene.left(self.data) if self.scene.judges else Left(False, "", np.nan)
+        goal, steps = self.scene.goal, max(self._step, 1)
         still = "" if self._slow or np.isinf(self.scene.speed) else ", still moving"
         finite = np.isfinite(self.data.qpos).all() and np.isfinite(self.data.qvel).all()
         fast = (np.abs(super().state()[1]) >= DIVERGED * self._speed_limit).any()
@@ -131,8 +138,9 @@ class LiveTrial(PhysicalArm):
             saturated_joints=tuple(np.array(self.scene.robot.joint_names)[self._cut_joints].tolist()),
             velocity_limited=self._limited / steps,
             braked_s=self._braked * self._dt,
-            ignored=int(self.scene.obstacles().ignored),
+            ignored=int(self.world.ignored),
             tracking=None if self._tracker is None else self._tracker.report(self._sight),
+            left=left.words,
         )
 
     def _record(self) -> None:
@@ -147,7 +155,7 @@ class LiveTrial(PhysicalArm):
             hand = scene.hand_pose(self.data)[:3, 3].copy()
             self._slow = self._hand is not None and bool(np.linalg.norm(hand - self._hand) < scene.speed * step)
             self._hand = hand
-        good = scene.left(self.data).there and (self._slow or np.isinf(scene.speed))
+        good = scene.judges and scene.left(self.data).there and (self._slow or np.isinf(scene.speed))
         good = good and (moves is None or self.time >= moves.start + moves.duration)
         self._good = self._good + 1 if good else 0
         self.there = self._good * step >= self._hold

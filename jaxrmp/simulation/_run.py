@@ -9,7 +9,6 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._errors import ConfigurationError, UnknownNameError
-from .._pytree import single
 from ..scenes import Scene
 from ._judge import End, Seen, StopCriteria, Track, judge, margin
 from ._live_trial import DIVERGED, INTERFACES, LiveTrial
@@ -66,7 +65,7 @@ def run_trials(
     if every < 1:
         raise ConfigurationError(f"learned_rate is {learned_rate!r}, expected Hz, above 0 and at most {1 / dt:g}.")
     live = [LiveTrial(scene, trial, hold, tracker, interface, (seed, first + k)) for k, trial in enumerate(trials)]
-    worlds: Any = jax.tree.map(lambda *a: jnp.stack(a), *(single(trial.scene.obstacles()) for trial in live))
+    worlds: Any = jax.tree.map(lambda *a: jnp.stack(a), *(trial.world for trial in live))
     fast = DIVERGED * np.asarray(scene.robot.velocity_limit, np.float32)
     criteria = StopCriteria(rest_seconds=np.inf, top_speed=fast, duration=limit)
     limits = np.asarray(scene.robot.lower, np.float32), np.asarray(scene.robot.upper, np.float32)
@@ -74,7 +73,9 @@ def run_trials(
     forms: Any = None
 
     def judge_and_command(track, q, qd):
-        nonlocal forms
+        nonlocal forms, worlds
+        if any(trial.obstacles_move for trial in live):
+            worlds = jax.tree.map(lambda *a: np.stack(a), *(trial.world for trial in live))
         T = np.array([trial.T_seen for trial in live], np.float32)
         if learned_rate is not None and step % every == 0:
             forms = _learned(policy, aside, T, worlds, q, qd)

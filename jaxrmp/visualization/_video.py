@@ -128,6 +128,7 @@ def _state(run: Run, trial: int, t: int) -> Any:
     data = scene.fresh()
     data.qpos[:] = trace.qpos[t]
     scene.move_object(data, trace.T_world_object[t])
+    scene.moving_obstacles(data, float(trace.time[t]))
     mujoco.mj_kinematics(scene.model, data)
     mujoco.mj_camlight(scene.model, data)
     return data

@@ -62,7 +62,7 @@ def test_the_script_of_every_shell_has_every_option(shell, capsys):
 
 def test_the_script_for_zsh_is_made_of_whole_words():
     words = shlex.split(script("zsh"), comments=True)  # an unbalanced quotation mark is an error
-    assert "run:run a skill in physics" in words
+    assert "run:run a skill or a sequence in physics" in words
     assert any(w.startswith("--scene[") and w.endswith(":SCENE:(drawer drawer_obstacle door)") for w in words)
     assert "{-q,--quiet}[show no progress, results and errors only]" in words
 

@@ -34,6 +34,7 @@ OPTIONAL = [
     "rosbags",
     "flatbuffers",
     "pylibfranka",
+    "gymnasium",
 ]
 BY_JAX = {"scipy", "flatbuffers"}  # which it imports itself, where they are installed
 
@@ -41,6 +42,7 @@ BY_JAX = {"scipy", "flatbuffers"}  # which it imports itself, where they are ins
 ALWAYS = {"jax", "numpy"}
 OWNERS = {
     "learning/_initial_weights.py": {"flax"},
+    "environments/_gymnasium.py": {"gymnasium"},
 }
 OWNING_PARTS = {"synthetic": {"scipy"}, "visualization": {"matplotlib", "mpl_toolkits"}}
 LAZY_IN_CORE = {"kinematics/_mujoco.py": {"mujoco"}, "kinematics/_meshes.py": {"trimesh"}}
@@ -59,6 +61,8 @@ LAYERS = {
     "scenes": {"kinematics", "world"},
     "simulation": {"inspection", "kinematics", "leaves", "scenes", "world"},
     "learning": {"leaves", "kinematics", "simulation", "world"},
+    "sequences": {"kinematics", "learning", "policies", "scenes", "simulation", "world"},
+    "environments": {"kinematics", "policies", "simulation", "world"},
     "synthetic": {"kinematics", "learning"},
     "hardware": {"kinematics", "policies", "scenes", "simulation", "world"},
     "reports": set(),
@@ -88,6 +92,7 @@ LAYERS = {
         "policies",
         "reports",
         "scenes",
+        "sequences",
         "simulation",
         "synthetic",
         "viewer",

@@ -75,7 +75,7 @@ def test_commands_run(line, request, monkeypatch, tmp_path, capsys, can_draw):
         arguments += LESS_LEARNING
     else:
         shutil.copytree(request.getfixturevalue("learned_drawer"), tmp_path / "out" / "drawer_closing")
-    if arguments[0] == "run":
+    if arguments[0] == "run" and ".toml" not in line:
         arguments += ["--trials", "2"]
     if arguments[0] == "evaluate":
         arguments += ["--starts", "4", "--duration", "2"]
