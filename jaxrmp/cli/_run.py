@@ -14,6 +14,7 @@ from .._errors import ConfigurationError, RolloutError
 from .._pytree import single
 from ..policies import FoundDetour, find_detour, whole_arm_policy
 from ..scenes import Scene
+from ._optional import can_draw, require
 from ._output import aligned, made_by, progress_bar, tell, write_json
 from ._report_pages import FIGURES, pictures_in, run_page
 from ._sources import demonstrations_of, scene_of
@@ -26,6 +27,9 @@ _AHEAD = 10.0  # s that a look ahead is long, at most
 def run(arguments: argparse.Namespace, rest: list[str]) -> None:
     if arguments.video:
         visualization.check_video_name(arguments.video)
+        require("simulation")
+    if arguments.figures:
+        require("plots")
     if arguments.video or arguments.figures:
         visualization.prepare_headless()
     skill = learning.load_skill(arguments.skill)
@@ -85,7 +89,7 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
                 tracking = [name for name in vars(arguments) if name.startswith("tracker")]
                 settings = {"skill": str(arguments.skill), "learned_from": skill.source}
                 settings |= {name: getattr(arguments, name) for name in (*_DECISIVE, *tracking)}
-                figures = pictures_in(drawn) or _figures(result, prepared, reproduction)
+                figures = pictures_in(drawn) or (_figures(result, prepared, reproduction) if can_draw() else {})
                 run_page({**report, "settings": settings}, made, figures, page)
     print(outcome_table(report))
     if diverged := [t["trial"] for t in report["per_trial"] if t["diverged"]]:

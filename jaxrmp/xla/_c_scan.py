@@ -4,7 +4,8 @@ from typing import Any
 
 import numpy as np
 
-from ._scalar_program import Builder, NotScalar
+from ._not_scalar import NotScalar
+from ._scalar_program import Builder
 
 _MOST = 64  # steps
 

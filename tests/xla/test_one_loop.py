@@ -9,7 +9,8 @@ import pytest
 from jax import lax
 
 from jaxrmp.xla import in_lanes, one_loop, report
-from jaxrmp.xla._scalar_program import NotScalar, scalar_program
+from jaxrmp.xla._not_scalar import NotScalar
+from jaxrmp.xla._scalar_program import scalar_program
 
 STATES = 100
 RNG = np.random.default_rng(0)
