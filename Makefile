@@ -4,6 +4,7 @@ VENV ?= .venv
 PEERS := .venv-peers
 ROBOTS := .robots
 SIMULATORS := .simulators
+EXTRAS := .extras
 BIN := $(VENV)/bin
 DATA := $(abspath ../shared/data)
 DEMO := out/drawer_closing/drawer_closing.skill.npz --scene drawer --json out/drawer_closing/run.json
@@ -18,7 +19,7 @@ endif
 export JAX_COMPILATION_CACHE_DIR ?= $(abspath .jax_cache)
 export JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS ?= 0
 
-.PHONY: demo test osmesa chromium check format docs bench peers robots simulators clean
+.PHONY: demo test osmesa chromium check format docs bench peers robots simulators extras clean
 
 demo: $(VENV)/.installed-demo osmesa
 	$(BIN)/jaxrmp learn configs/drawer_closing.toml --out out/drawer_closing
@@ -103,5 +104,9 @@ $(SIMULATORS)/.installed: benchmarks/simulators.txt benchmarks/simulators_strict
 		test -s $(SIMULATORS)/fr3.part && mv $(SIMULATORS)/fr3.part $(SIMULATORS)/fr3.xml
 	@touch $@
 
+# Each extra in an environment of its own, put to its smallest use: half an hour and gigabytes.
+extras: $(BIN)/python
+	$(BIN)/python tests/extras/each_alone.py $(EXTRAS)
+
 clean:
-	rm -rf $(VENV) $(PEERS) $(ROBOTS) $(SIMULATORS) .jax_cache out dist .pytest_cache .ruff_cache
+	rm -rf $(VENV) $(PEERS) $(ROBOTS) $(SIMULATORS) $(EXTRAS) .jax_cache out dist .pytest_cache .ruff_cache

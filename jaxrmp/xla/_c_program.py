@@ -158,8 +158,6 @@ class Program(Builder):
             return scanned(self, parameters, operands)
         if name == "while":
             return looped(self, parameters, operands)
-        if name == "unstack":
-            return list(np.moveaxis(operands[0], parameters["axis"], 0))
         types = [v.aval.dtype for v in (*equation.invars, *equation.outvars)]
         if name == "convert_element_type" and (operands[0] < 0).all():
             known = [self.known(p) for p in operands[0].reshape(-1)]

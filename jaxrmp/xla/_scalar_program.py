@@ -372,6 +372,7 @@ MOVES: dict[str, Callable[..., list[np.ndarray]]] = {
     "squeeze": lambda p, x: [x.squeeze(p["dimensions"])],
     "stack": lambda p, *arrays: [np.stack(arrays, axis=p["axis"])],
     "transpose": lambda p, x: [x.transpose(p["permutation"])],
+    "unstack": lambda p, x: [row[k, ...] for row in [np.moveaxis(x, p["axis"], 0)] for k in range(len(row))],
 }
 
 
