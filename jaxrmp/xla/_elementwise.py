@@ -67,8 +67,8 @@ def in_known_operations(equation: Any) -> ClosedJaxpr | None:
     try:
         scalars = [jax.ShapeDtypeStruct((), a.dtype) for a in avals]
         lowered = jax.jit(function).trace(*scalars).lower(lowering_platforms=("cpu",))
-        module = lowered.compiler_ir("stablehlo").body.operations
-        functions = {f.name.value: f for f in module if f.operation.name == "func.func"}
+        program: Any = lowered.compiler_ir("stablehlo")
+        functions = {f.name.value: f for f in program.body.operations if f.operation.name == "func.func"}
 
         def spelled_out(*values):
             return _run(functions, "main", [lax.broadcast(v, shape[np.ndim(v) :]) for v in values])
