@@ -42,7 +42,8 @@ USES: dict[str, list[list[str] | str]] = {
     "franka": ["import pylibfranka, rosbags, mujoco, jaxrmp.hardware"],
     "viewer": [["view", "--port", "0", "-q"]],
     "docs": [
-        "import subprocess, sys; subprocess.run([sys.executable, '-m', 'mkdocs', 'build', '-q', '-d', '{out}/site'])"
+        "import subprocess, sys; "
+        "sys.exit(subprocess.run([sys.executable, '-m', 'mkdocs', 'build', '-q', '-d', '{out}/site']).returncode)"
     ],
     "torch": ["import torch, pytorch_kinematics"],
     "peers": ["import frax, jaxrmp"],
