@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable
 
 from ..viewer import Access, Session
+from ._optional import require
 from ._output import progress_bar
 
 
@@ -17,6 +18,7 @@ def show(make: Callable[[Callable[[str, float], None]], Session], arguments: arg
 
     **Raises** what ends the page otherwise.
     """
+    require("viewer")
     begun = time.monotonic()
     with contextlib.ExitStack() as coming:
         progress = coming.enter_context(progress_bar(arguments.quiet))

@@ -18,6 +18,7 @@ from ..policies import FoundDetour, find_detour, whole_arm_policy
 from ..scenes import Scene
 from ._camera import camera_report, camera_spheres, check_camera, noise_of, scene_camera
 from ._camera_words import seen_in_words
+from ._optional import can_draw, require
 from ._output import aligned, made_by, progress_bar, tell, write_json
 from ._report_pages import FIGURES, pictures_in, run_page
 from ._run_sequence import run_sequence
@@ -36,6 +37,9 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
     arguments.trials = _TRIALS if arguments.trials is None else arguments.trials
     if arguments.video:
         visualization.check_video_name(arguments.video)
+        require("simulation")
+    if arguments.figures:
+        require("plots")
     check_camera(arguments)
     if arguments.video or arguments.figures or arguments.camera:
         visualization.prepare_headless()
@@ -99,7 +103,7 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
                 tracking = [name for name in vars(arguments) if name.startswith("tracker")]
                 settings = {"skill": str(arguments.skill), "learned_from": skill.source}
                 settings |= {name: getattr(arguments, name) for name in (*_DECISIVE, *_OF_CAMERA, *tracking)}
-                figures = pictures_in(drawn) or _figures(result, prepared, reproduction)
+                figures = pictures_in(drawn) or (_figures(result, prepared, reproduction) if can_draw() else {})
                 run_page({**report, "settings": settings}, made, figures, page, arguments.video)
     print(outcome_table(report))
     if diverged := [t["trial"] for t in report["per_trial"] if t["diverged"]]:
