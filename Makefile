@@ -4,6 +4,11 @@ VENV ?= .venv
 PEERS := .venv-peers
 ROBOTS := .robots
 SIMULATORS := .simulators
+EXTRAS := .extras
+NEWEST := .venv-newest
+FEW_TESTS := tests/core tests/xla/test_unknown_operations.py tests/xla/test_one_loop.py tests/xla/test_compiled_in_c.py \
+	tests/xla/test_same_as_written.py::test_what_should_be_taken_apart_is tests/cli/test_without_extras.py \
+	tests/xla/test_precision.py::test_physics_in_mjx tests/evaluation/test_physics.py
 BIN := $(VENV)/bin
 DATA := $(abspath ../shared/data)
 DEMO := out/drawer_closing/drawer_closing.skill.npz --scene drawer --json out/drawer_closing/run.json
@@ -18,7 +23,7 @@ endif
 export JAX_COMPILATION_CACHE_DIR ?= $(abspath .jax_cache)
 export JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS ?= 0
 
-.PHONY: demo test osmesa chromium check format docs bench peers robots simulators clean
+.PHONY: demo test test-newest osmesa chromium check format docs bench peers robots simulators extras clean
 
 demo: $(VENV)/.installed-demo osmesa
 	$(BIN)/jaxrmp learn configs/drawer_closing.toml --out out/drawer_closing
@@ -31,6 +36,13 @@ demo: $(VENV)/.installed-demo osmesa
 
 test: $(VENV)/.installed-dev osmesa chromium
 	$(BIN)/python -m pytest -n auto --dist loadfile --durations=10
+
+# What another Python and its JAX may break, by the newest Python that is at hand: the core, what is taken apart, a skill
+# that is learned and run in physics, MJX. Everything with it: make test PYTHON=python3.13 VENV=.venv-newest
+test-newest:
+	@python=$$(.ci/newest_python) || { echo "Skipped: tests with a newer Python, of which none is at hand."; exit 0; }; \
+		$(MAKE) --no-print-directory VENV=$(NEWEST) PYTHON="$$python" $(NEWEST)/.installed-few && \
+		$(NEWEST)/bin/python -m pytest -n auto --dist loadfile --durations=5 $(FEW_TESTS)
 
 # What MuJoCo needs to draw without a display, where we may install it.
 osmesa:
@@ -64,6 +76,11 @@ $(BIN)/python:
 
 $(VENV)/.installed-demo: $(BIN)/python pyproject.toml constraints.txt
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[all]'
+	@touch $@
+
+$(VENV)/.installed-few: $(BIN)/python pyproject.toml constraints.txt
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[learning,simulation]' \
+		pytest pytest-timeout pytest-xdist filelock
 	@touch $@
 
 $(VENV)/.installed-dev: $(BIN)/python pyproject.toml constraints.txt
@@ -103,5 +120,9 @@ $(SIMULATORS)/.installed: benchmarks/simulators.txt benchmarks/simulators_strict
 		test -s $(SIMULATORS)/fr3.part && mv $(SIMULATORS)/fr3.part $(SIMULATORS)/fr3.xml
 	@touch $@
 
+# Each extra in an environment of its own, put to its smallest use: half an hour and gigabytes.
+extras: $(BIN)/python
+	$(BIN)/python tests/extras/each_alone.py $(EXTRAS)
+
 clean:
-	rm -rf $(VENV) $(PEERS) $(ROBOTS) $(SIMULATORS) .jax_cache out dist .pytest_cache .ruff_cache
+	rm -rf $(VENV) $(NEWEST) $(PEERS) $(ROBOTS) $(SIMULATORS) $(EXTRAS) .jax_cache out dist .pytest_cache .ruff_cache

@@ -11,6 +11,7 @@ from jaxrmp.kinematics import forward_kinematics
 from jaxrmp.perception import KINECT, ObjectTrackerSettings, object_model, robot_spheres, start_estimate, track
 from jaxrmp.world import panda_spheres
 
+from . import _calibrated
 from ._children import stay_on_one_core
 from ._seen_scenes import RATE, crossing, sequence, watched
 
@@ -19,8 +20,9 @@ _ROUGH = 0.05, np.radians(15.0)  # of the first guess, m and rad
 _SETTLED = 1.0  # s, from when on errors count
 
 
-def rows(seconds: float = 60.0, minutes: int = 10, finds: int = 10) -> list[dict[str, Any]]:
-    """One minute of each; the door for ten at 1 m and ten at 2 m, and ten times hidden for two seconds and moved."""
+def rows(seconds: float = 60.0, minutes: int = 10, finds: int = 10, calibrations: int = 5) -> list[dict[str, Any]]:
+    """One minute of each; the door for ten at 1 m and ten at 2 m, and ten times hidden for two seconds and moved; and
+    cameras found by the robot that they see."""
     stay_on_one_core()
     found = []
     for name, distance in (("door", 1.0), ("door", 2.0)):
@@ -39,7 +41,7 @@ def rows(seconds: float = 60.0, minutes: int = 10, finds: int = 10) -> list[dict
                 "ms_searching": float(np.median([ms for _, ms in again])),
             }
         )
-    return found
+    return found + _calibrated.rows(calibrations)
 
 
 def _row(name: str, distance: float, runs: list[dict[str, Any]]) -> dict[str, Any]:

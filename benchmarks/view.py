@@ -63,7 +63,7 @@ class Drive:
     def _watch(self) -> None:
         T = np.stack([self.page.nodes[name] for name in self._frames])
         centers = np.einsum("kij,kj->ki", T[:, :3, :3], self._offsets) + T[:, :3, 3]
-        distances = np.linalg.norm(centers - self.page.nodes["/solid_ball_1"][:3, 3], axis=1) - self._radii - BALL
+        distances = np.linalg.norm(centers - self.page.nodes["/solid_1"][:3, 3], axis=1) - self._radii - BALL
         self.least = min(self.least, float(distances.min()))
 
     def place(self, name: str) -> np.ndarray:
@@ -91,15 +91,15 @@ class Drive:
 
     def ball_to(self, position: np.ndarray, speed: float) -> None:
         """Drag the ball along a line."""
-        start, speed = self.place("/ball_1"), speed * self.pace
+        start, speed = self.place("/obstacle_1"), speed * self.pace
         steps = max(int(np.linalg.norm(position - start) / (0.05 * speed)), 1)
         poses = np.tile(np.eye(4), (steps, 1, 1))
         poses[:, :3, 3] = start + np.linspace(0, 1, steps + 1)[1:, None] * (position - start)
         for T in poses:
-            self._drag("/ball_1", T[:3, 3])
+            self._drag("/obstacle_1", T[:3, 3])
             self.page.page.wait_for_timeout(50)
         with contextlib.suppress(AssertionError):
-            self.page.wait(lambda: np.linalg.norm(self.place("/solid_ball_1") - position) < 1e-3, "the ball", 20)
+            self.page.wait(lambda: np.linalg.norm(self.place("/solid_1") - position) < 1e-3, "the ball", 20)
 
     def _drag(self, name: str, position: np.ndarray) -> None:
         T = self.page.nodes[name].copy()

@@ -11,11 +11,13 @@ from ._certificate import certificate as certificate
 from ._certificate import uncertified_leaves as uncertified_leaves
 from ._errors import ArmError as ArmError
 from ._errors import BasinError as BasinError
+from ._errors import CalibrationError as CalibrationError
 from ._errors import ConfigurationError as ConfigurationError
 from ._errors import ConvexProgramError as ConvexProgramError
 from ._errors import DemonstrationError as DemonstrationError
 from ._errors import ExportError as ExportError
 from ._errors import FileWarning as FileWarning
+from ._errors import FramesError as FramesError
 from ._errors import JaxrmpError as JaxrmpError
 from ._errors import LeafError as LeafError
 from ._errors import MissingDependencyError as MissingDependencyError

@@ -82,6 +82,15 @@ class ArmError(JaxrmpError, RuntimeError):
     """An arm of steel, or what stands for it, cannot be reached, refuses, or ended a motion by itself."""
 
 
+class CalibrationError(JaxrmpError, RuntimeError):
+    """Where a camera is does not follow from what it saw: the robot is not in its images, or not as it would have to
+    be."""
+
+
+class FramesError(JaxrmpError, ValueError):
+    """A file of depth images is missing, damaged, or holds something else than what its layout says."""
+
+
 class ExportError(JaxrmpError, ValueError):
     """A function cannot be written in another language: an operation has no form there, or it is too large."""
 

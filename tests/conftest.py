@@ -14,8 +14,12 @@ from functools import partial
 from importlib import metadata
 from pathlib import Path
 
+from packaging.version import Version
+
 # Tests compile much and run little of it. XLA takes a quarter of the time without these two, and runs nearly as fast.
-_FLAGS = "--xla_backend_optimization_level=0 --xla_cpu_use_fusion_emitters=false"
+_FLAGS = "--xla_backend_optimization_level=0"
+if Version(metadata.version("jaxlib")) < Version("0.11"):  # a flag that is not known ends the process
+    _FLAGS += " --xla_cpu_use_fusion_emitters=false"
 os.environ["XLA_FLAGS"] = f"{_FLAGS} {os.environ.get('XLA_FLAGS', '')}"  # read by the first program that is compiled
 
 import jax  # noqa: E402
@@ -100,20 +104,24 @@ def environment(folder: Path, wanted: set[str]) -> Path:
     site = Path(sysconfig.get_path("purelib", "venv", vars={"base": str(folder)}))
     for name in wanted:
         for top in {file.parts[0] for file in metadata.files(name) or ()} - {"..", "__pycache__"}:
-            (site / top).symlink_to(metadata.distribution(name).locate_file(top))
+            if not (site / top).exists():  # a folder that several have in common
+                (site / top).symlink_to(metadata.distribution(name).locate_file(top))
     return site
 
 
-def base_of(name: str) -> set[str]:
-    """The distributions that one asks for where no extra is, directly or not."""
-    held, left = set(), [name]
+def base_of(name: str, *extras: str) -> set[str]:
+    """The distributions that one asks for with these extras, by default with none, directly or not."""
+    seen: set[tuple[str, str]] = set()
+    left = [(name, extra) for extra in ("", *extras)]
     while left:
-        for line in metadata.requires(left.pop()) or ():
+        name, extra = left.pop()
+        for line in metadata.requires(name) or ():
             requirement = Requirement(line)
-            if requirement.marker is None or requirement.marker.evaluate({"extra": ""}):
-                left += {requirement.name} - held
-                held.add(requirement.name)
-    return held
+            if requirement.marker is None or requirement.marker.evaluate({"extra": extra}):
+                new = {(requirement.name, asked) for asked in ("", *requirement.extras)} - seen
+                seen |= new
+                left += new
+    return {name for name, _ in seen}
 
 
 def run_in(python: Path, program: str, *arguments) -> dict:

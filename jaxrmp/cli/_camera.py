@@ -1,4 +1,4 @@
-"""The depth camera of `jaxrmp run --camera depth`: where it stands, what of the robot it knows, what it reports."""
+"""The depth camera of `run` and `view --camera depth`: where it stands, what it knows of the robot, its report."""
 
 import argparse
 import contextlib
@@ -32,10 +32,21 @@ def check_camera(arguments: argparse.Namespace) -> None:
             f"--camera {arguments.camera} sees the object itself, and {', '.join(given)} models how it is seen: give "
             "one of both."
         )
+    check_place(arguments)
+
+
+def check_place(arguments: argparse.Namespace) -> None:
+    """**Raises** `ConfigurationError` for a camera's place without a camera, or two places."""
     if not arguments.camera and (arguments.camera_distance is not None or arguments.camera_at is not None):
         raise ConfigurationError("--camera-distance and --camera-at place a camera: add --camera depth.")
     if arguments.camera_distance is not None and arguments.camera_at is not None:
         raise ConfigurationError("--camera-distance and --camera-at: give one of both.")
+
+
+def check_looked_for(scene: Scene) -> None:
+    """**Raises** `ConfigurationError` for a scene without an object."""
+    if not scene.object:
+        raise ConfigurationError(f"--camera depth: scene {scene.name!r} has no object to look for. Run it without.")
 
 
 def noise_of(arguments: argparse.Namespace) -> TrackerSettings:
@@ -45,16 +56,18 @@ def noise_of(arguments: argparse.Namespace) -> TrackerSettings:
 
 @contextlib.contextmanager
 def scene_camera(
-    arguments: argparse.Namespace, skill: Skill, scene: Scene, prepared: PreparedDemonstrations
+    arguments: argparse.Namespace,
+    scene: Scene,
+    prepared: PreparedDemonstrations | None,
+    spheres: RobotSpheres | None,
 ) -> Iterator[DepthTracker]:
-    """Within it, a depth camera over the object of a `scene`, from where the demonstrations of a skill hide it least.
+    """Within it, a depth camera over the object of a `scene`, from where the demonstrations of a skill hide it least,
+    if they are at hand; `spheres` hold the robot (`camera_spheres`).
 
     **Raises** `ConfigurationError` for a scene without an object, `NoGeometryError` for shapes that cannot be seen.
     """
-    if not scene.object:
-        raise ConfigurationError(f"--camera depth: scene {scene.name!r} has no object to look for. Run it without.")
+    check_looked_for(scene)
     model = object_model(scene.model, scene.object)
-    spheres = _spheres(skill, scene)
     camera = _placed(arguments, model, scene, prepared, spheres)
     with depth_tracker(scene, model, camera, spheres) as tracker:
         yield tracker
@@ -79,10 +92,11 @@ def _placed(
     arguments: argparse.Namespace,
     model: ObjectModel,
     scene: Scene,
-    prepared: PreparedDemonstrations,
+    prepared: PreparedDemonstrations | None,
     spheres: RobotSpheres | None,
 ) -> Camera:
-    poses, q = np.asarray(prepared.poses, float), _at_first(model, scene)
+    q = _at_first(model, scene)
+    poses = scene.T_world_object[None] if prepared is None else np.asarray(prepared.poses, float)
     if arguments.camera_at is not None:
         try:
             eye = [float(number) for number in arguments.camera_at.split(",")]
@@ -92,7 +106,7 @@ def _placed(
             raise ConfigurationError(f"--camera-at {arguments.camera_at!r}: expected X,Y,Z, m, such as 0.5,-1.2,1.5.")
         return Camera.looking(eye, looked_at(model, poses, q))
     distance = 1.0 if arguments.camera_distance is None else arguments.camera_distance
-    if spheres is None:
+    if spheres is None or prepared is None:
         return overhead_camera(model, poses, q, distance=distance)
     points = jax.jit(jax.vmap(spheres.points(scene.robot)))
     rows = [path[np.linspace(0, len(path) - 1, _INSTANTS).round().astype(int)] for path in prepared.joints.q]
@@ -106,7 +120,8 @@ def _at_first(model: ObjectModel, scene: Scene) -> np.ndarray:
     return np.array([data.joint(name).qpos[0] for name in model.robot.joint_names])
 
 
-def _spheres(skill: Skill, scene: Scene) -> RobotSpheres | None:
+def camera_spheres(skill: Skill, scene: Scene) -> RobotSpheres | None:
+    """Spheres that hold the robot as a camera sees it; None, told, where it has no geometry."""
     try:
         return own_spheres(scene.robot, skill.frames[0])
     except NoGeometryError as error:

@@ -24,6 +24,7 @@ from ._arms import (
     sightings_of,
     write_log,
 )
+from ._ending import ended_by_signals
 from ._output import progress_bar, tell, write_json
 from ._sources import demonstrations_of, scene_of
 
@@ -66,16 +67,18 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
     with running_until_interrupted() as running, progress_bar(arguments.quiet) as progress:
         progress("connecting", 0.0)
         with arm_of(arguments, scene, posture_of(arguments.at, robot, shown) if arguments.at else start) as arm:
-            state = arm.read()
-            if why := check_model(arm, robot, state):
-                tell(f"whether the arm's kinematics are the skill's could not be checked wholly: {why}.")
-            if less := narrower(arm, robot):
-                tell(
-                    f"the arm's joints turn less far than the skill's robot: {'; '.join(less)}. At those ends it stops."
-                )
-            progress("compiling", 0.2)
-            policy = whole_arm_policy(skill, robot)
-            law = hardware.law(policy, arm, arguments.obstacles)
+            with ended_by_signals():  # nothing moves yet
+                state = arm.read()
+                if why := check_model(arm, robot, state):
+                    tell(f"whether the arm's kinematics are the skill's could not be checked wholly: {why}.")
+                if less := narrower(arm, robot):
+                    tell(
+                        f"the arm's joints turn less far than the skill's robot: {'; '.join(less)}. At those ends it "
+                        "stops."
+                    )
+                progress("compiling", 0.2)
+                policy = whole_arm_policy(skill, robot)
+                law = hardware.law(policy, arm, arguments.obstacles)
             if law.backend != "c" and arm.period < 0.002:
                 tell(f"the policy runs by XLA, which is slower than C: {law.reason}")
             if law.uncertified:

@@ -6,7 +6,8 @@ import signal
 import socket
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from typing import Any
 
 from .._files import forget_unfinished
 
@@ -20,14 +21,14 @@ INTERRUPTED = "jaxrmp: interrupted; no file was left half-written"
 class Ended(KeyboardInterrupt):
     """A signal came that ends the command; `code` is what the process ends with."""
 
-    def __init__(self, number: int):
-        super().__init__(number)
-        self.code = CODES[signal.Signals(number)]
+    def __init__(self, code: int):
+        super().__init__()
+        self.code = code
 
 
 @contextlib.contextmanager
-def ended_by_signals() -> Iterator[None]:
-    """Within it SIGINT and SIGTERM raise `Ended`, and end the process where that is not heard.
+def ended_by_signals(codes: Mapping[signal.Signals, int] = CODES) -> Iterator[None]:
+    """Within it SIGINT and SIGTERM raise `Ended`, and end the process, with their `codes`, where that is not heard.
 
     Python hears a signal between two of its own steps only, and a compilation is one step that may take a minute: after
     `PATIENCE` a thread ends the process then, once unfinished files are gone. Outside of the main thread, where signals
@@ -41,7 +42,7 @@ def ended_by_signals() -> Iterator[None]:
     over = threading.Event()
 
     def stop(number: int, frame: object) -> None:
-        raise Ended(number)
+        raise Ended(codes[signal.Signals(number)])
 
     def listen() -> None:
         while (said := hears.recv(1)) and not over.is_set():
@@ -50,9 +51,14 @@ def ended_by_signals() -> Iterator[None]:
             if not over.wait(PATIENCE):
                 forget_unfinished()
                 os.write(2, f"\n{INTERRUPTED}\n".encode())
-                os._exit(CODES[signal.Signals(said[0])])
+                os._exit(codes[signal.Signals(said[0])])
 
-    before = {number: signal.signal(number, stop) for number in CODES}
+    def lost(unraisable: Any) -> None:  # raised where nothing can be: the listener ends it then
+        if not isinstance(unraisable.exc_value, Ended):
+            hook(unraisable)
+
+    before, hook = {number: signal.signal(number, stop) for number in CODES}, sys.unraisablehook
+    sys.unraisablehook = lost
     descriptor = signal.set_wakeup_fd(tells.fileno(), warn_on_full_buffer=False)
     listener = threading.Thread(target=listen, daemon=True)
     listener.start()
@@ -61,6 +67,7 @@ def ended_by_signals() -> Iterator[None]:
     finally:
         over.set()
         signal.set_wakeup_fd(descriptor)
+        sys.unraisablehook = hook
         for number, handler in before.items():
             signal.signal(number, handler)
         tells.close()

@@ -15,6 +15,7 @@ import numpy as np
 from .._errors import ConfigurationError, RolloutError
 from ._ending import end_with_parent
 from ._engines import engine_of
+from ._optional import can_draw
 from ._output import made_by, progress_bar, tell, write_arrays, write_json
 from ._processes import PARENT, spawn
 
@@ -99,7 +100,7 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
         from ..visualization import evaluation_figures, png
 
         title = f"{skill.configuration.name}: {len(starts)} starts, {engine.name}"
-        figures = evaluation_figures(evaluation).items()
+        figures = evaluation_figures(evaluation).items() if can_draw() else ()
         pictures = {name: (png(figure), caption) for name, (figure, caption) in figures}
         write_page(found, pictures, page, title=title)
     for file in _kept_files(kept):

@@ -16,6 +16,7 @@ from ..learning import Skill, prepare
 from ..policies import goal_distance, whole_arm_policy
 from ..world import Spheres, World
 from ._export_stablehlo import write_skill_stablehlo
+from ._optional import require
 from ._output import progress_bar, tell
 from ._sources import demonstrations_of, skill_and_robot
 
@@ -38,6 +39,8 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
         raise ConfigurationError("say what to write: --c DIR, --stablehlo FILE, or both.")
     if arguments.obstacles < 0:
         raise ConfigurationError(f"--obstacles is {arguments.obstacles}, expected 0 or more.")
+    if arguments.stablehlo:
+        require("export")
     skill, robot = skill_and_robot(arguments.skill, arguments.robot)
     if arguments.stablehlo:
         file = write_skill_stablehlo(skill, robot, arguments.stablehlo)

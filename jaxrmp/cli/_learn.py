@@ -25,6 +25,7 @@ from ..learning import (
     validate,
 )
 from ..visualization import save_learning_figures, save_reproduction_figures
+from ._optional import can_draw, require
 from ._output import error_table, made_by, progress_bar, tell, validation_table, write_json
 from ._overrides import parse_overrides
 from ._report_pages import learning_page, pictures_in
@@ -33,6 +34,7 @@ from ._sources import RECORDED, default_demonstrations, find_demonstrations
 
 
 def run(arguments: argparse.Namespace, rest: list[str]) -> None:
+    require("learning")
     said = {f"recording.{key}": value for key in RECORDED if (value := getattr(arguments, key))}
     configuration = load_configuration(arguments.config, parse_overrides(rest) | said)
     robot = configuration.load_robot()
@@ -87,8 +89,10 @@ def _learn(
         report = {**learning_report(learning, validation), "reproduction": result}
         write_json(report, out / "learning_report.json")
         progress("drawing", 0.5)
-        drawn = save_learning_figures(learning, out / "figures")
-        drawn += save_reproduction_figures(learning.prepared, reproduction, out / "figures")
+        drawn = []
+        if can_draw():
+            drawn = save_learning_figures(learning, out / "figures")
+            drawn += save_reproduction_figures(learning.prepared, reproduction, out / "figures")
         learning_page(report, made, pictures_in(drawn), out / "report.html")
     if learning.skill.configuration.object != configuration.object:
         tell(

@@ -9,11 +9,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from .._errors import JaxrmpError
-from ._ending import INTERRUPTED, ended_by_signals
+from ._ending import CODES, INTERRUPTED, Ended, ended_by_signals
 from ._parser import build_parser
 
-# These look after signals themselves: an arm is braked first, and a page is ended by them.
-_OWN_END = ("drive", "record", "view", "teach")
+_BRAKED = ("drive", "record")  # look after signals themselves: an arm is braked first
+_PAGES = ("view", "teach")  # are ended by signals, and by nothing else
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -31,7 +31,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         jax.config.update("jax_compilation_cache_dir", str(cache))
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
     try:
-        ending = contextlib.nullcontext() if parsed.command in _OWN_END else ended_by_signals()
+        codes = dict.fromkeys(CODES, 0) if parsed.command in _PAGES else CODES
+        ending = contextlib.nullcontext() if parsed.command in _BRAKED else ended_by_signals(codes)
         with ending, warnings.catch_warnings():
             warnings.showwarning = _show_warning
             importlib.import_module(f"._{parsed.command}", __package__).run(parsed, rest)
@@ -45,7 +46,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 1
     except KeyboardInterrupt as interrupt:
         print(INTERRUPTED, file=sys.stderr)
-        return getattr(interrupt, "code", 130)
+        if isinstance(interrupt, Ended):  # at once: threads that compile do not live through the interpreter's own end
+            sys.stdout.flush()
+            sys.stderr.flush()
+            os._exit(interrupt.code)
+        return 130
     return 0
 
 

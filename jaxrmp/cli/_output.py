@@ -7,6 +7,7 @@ import platform
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from importlib.metadata import PackageNotFoundError, version
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -21,12 +22,12 @@ _PACKAGES = ("jaxrmp", "jax", "jaxlib", "numpy", "flax", "optax", "cvxpy", "clar
 
 @contextlib.contextmanager
 def progress_bar(quiet: bool = False) -> Iterator[Callable[[str, float], None]]:
-    """A function `(step, fraction)` that draws a bar for each step of a command; without a terminal, a line a step; if
-    `quiet`, nothing."""
+    """A function `(step, fraction)` that draws a bar for each step of a command; without a terminal, or without tqdm, a
+    line a step; if `quiet`, nothing."""
     if quiet:
         yield lambda step, fraction: None
         return
-    if not sys.stderr.isatty():
+    if not sys.stderr.isatty() or find_spec("tqdm") is None:
         seen: set[str] = set()
 
         def tell(step: str, fraction: float) -> None:

@@ -7,7 +7,8 @@ import threading
 import time
 from collections.abc import Callable
 
-from ..viewer import Session
+from ..viewer import Access, Session
+from ._optional import require
 from ._output import progress_bar
 
 
@@ -17,6 +18,7 @@ def show(make: Callable[[Callable[[str, float], None]], Session], arguments: arg
 
     **Raises** what ends the page otherwise.
     """
+    require("viewer")
     begun = time.monotonic()
     with contextlib.ExitStack() as coming:
         progress = coming.enter_context(progress_bar(arguments.quiet))
@@ -31,7 +33,8 @@ def show(make: Callable[[Callable[[str, float], None]], Session], arguments: arg
             coming.close()
             hint = hint.format(hand=session.content.hand)
             print(
-                f"The page is at {session.url}, for this machine only, after {time.monotonic() - begun:.0f} s. {hint} "
+                f"The page is at {session.url}, {_for_whom(session.access)}, after {time.monotonic() - begun:.0f} s. "
+                f"{hint} "
                 "Ctrl-C ends it.",
                 flush=True,
             )
@@ -41,3 +44,16 @@ def show(make: Callable[[Callable[[str, float], None]], Session], arguments: arg
         finally:
             if session is not None:
                 session.stop()
+
+
+def access_of(arguments: argparse.Namespace) -> Access:
+    """Who may see the page, by `--host` and `--password`. **Raises** `ConfigurationError` as `Access.check`."""
+    access = Access(arguments.host, arguments.password)
+    access.check()
+    return access
+
+
+def _for_whom(access: Access) -> str:
+    if access.local:
+        return "for this machine only" + (", with the password" if access.password else "")
+    return "for whoever has the password (any user's name; not encrypted: use it in a network that you trust)"

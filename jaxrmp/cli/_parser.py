@@ -33,7 +33,11 @@ def _argument(name: str, help: str, default: Any = None, **settings: Any) -> tup
 
 
 _PAGE = (
-    _argument("--port P", "on 127.0.0.1; default 8080, 0 for any", 8080),
+    _argument("--port P", "of the page; default 8080, 0 for any", 8080),
+    _argument("--host ADDRESS", "to listen at; any but this machine's own needs --password", "127.0.0.1"),
+    _argument(
+        "--password WORD", "ask for it before the page is shown (8 characters at least; not encrypted)", type=str
+    ),
     _argument("--until-closed", "end when the page is closed, not by Ctrl-C only"),
 )
 _RECORDED = (
@@ -56,6 +60,15 @@ _ARM = (
     ),
     _argument("--recover", "let the arm leave the state that an error left it in, first"),
     _argument("--tracker udp:[HOST:]PORT", "where poses of the object come to, as datagrams of JSON", type=str),
+)
+_CAMERA = (
+    _argument(
+        "--camera",
+        "the policy knows of the object what a camera overhead sees of it: depth, as a Kinect's, instead of a tracker",
+        choices=("depth",),
+    ),
+    _argument("--camera-distance M", "from what the object's joint moves, default 1", type=float),
+    _argument("--camera-at X,Y,Z", "where it stands, m, instead of where the arm hides least", type=str),
 )
 _FIX = _argument("--fix PATTERN", "lock joints, such as '*_finger_*' or elbow=0.5; may be given again", action="append")
 # Of each command: what it does, in a few words and in more, an example, and its arguments.
@@ -138,14 +151,7 @@ _COMMANDS: dict[str, tuple[str, str, str, list[tuple[str, dict[str, Any]]]]] = {
             _argument("--tracker-dropouts P", "share of frames", 0.0),
             _argument("--tracker-bias M", "constant error, m", 0.0),
             _argument("--tracker-silent-after S", "when it goes silent, default never", float("inf")),
-            _argument(
-                "--camera",
-                "the policy knows of the object what a camera overhead sees of it: depth, as a Kinect's, instead of a "
-                "tracker",
-                choices=("depth",),
-            ),
-            _argument("--camera-distance M", "from what the object's joint moves, default 1", type=float),
-            _argument("--camera-at X,Y,Z", "where it stands, m, instead of where the arm hides least", type=str),
+            *_CAMERA,
         ],
     ),
     "evaluate": (
@@ -265,6 +271,44 @@ _COMMANDS: dict[str, tuple[str, str, str, list[tuple[str, dict[str, Any]]]]] = {
             _argument("--stdin", "take lines from a pipe in place of a terminal"),
         ],
     ),
+    "calibrate": (
+        "find where a depth camera is, by the robot that it saw",
+        "Of depth images of a robot in several postures with known joints: the pose of the camera in the world of the "
+        "robot's model, from a rough guess. Written as TOML, which jaxrmp track takes as --camera, or into a copy of "
+        "the frames. Exit code 1 if the robot is not seen, or its postures do not fix the pose.",
+        "postures.npz --robot ur5.urdf --guess 1.0,0.2,0.9,-2.1,0.0,1.6 --out camera.toml",
+        [
+            _argument("FRAMES", "NPZ of depth images, with the robot's joints: docs/guides/depth_camera.md", type=Path),
+            _argument(
+                "--robot FILE", "panda, or an MJCF, URDF or TOML robot file with its geometry", required=True, type=str
+            ),
+            _argument(
+                "--guess POSE", "of the camera: x,y,z,roll,pitch,yaw or a file; default the frames' own", type=str
+            ),
+            _argument("--postures N", "images to use, as different as there are", 10),
+            _argument("--collision", "the robot looks as its collision geometry, not as its visual one"),
+            _argument("--out FILE", "write the pose: .toml, or .npz, the frames with it", required=True),
+        ],
+    ),
+    "track": (
+        "follow an object in recorded depth images",
+        "The pose and the joints of an object, of simple shapes or meshes, in each image of a file.",
+        "frames.npz --object cabinet.xml:cabinet --guess 0.6,0,0.4,0,0,3.1 --robot ur5.urdf --out estimates.npz",
+        [
+            _argument("FRAMES", "NPZ of depth images: docs/guides/depth_camera.md", type=Path),
+            _argument("--object FILE", "MJCF or URDF of the object, or FILE:BODY", required=True, type=str),
+            _argument(
+                "--guess POSE",
+                "of the object's base, within 5 cm and 15 degrees: x,y,z,roll,pitch,yaw, m and rad, or a file",
+                required=True,
+                type=str,
+            ),
+            _argument("--joints Q", "the object's joints at first, with commas between, default 0", type=str),
+            _argument("--robot FILE", "panda, or a robot file: what it hides is not looked at", type=str),
+            _argument("--camera FILE", "where the camera is, by jaxrmp calibrate; default the frames' own", type=str),
+            _argument("--out FILE", "write the estimates: .npz or .csv", required=True),
+        ],
+    ),
     "view": (
         "watch a policy run live in the browser, drag and push it",
         "A page on this machine, with the policy running at 1 kHz in it: drag its goal, its object and "
@@ -279,11 +323,17 @@ _COMMANDS: dict[str, tuple[str, str, str, list[tuple[str, dict[str, Any]]]]] = {
             _argument("--frame FRAME", "without SKILL: the frame that is taken to the goal"),
             _FIX,
             _argument("--scene SCENE", "furniture around the skill: " + _SCENE),
+            *_CAMERA,
             _argument("--demos DIR", _LEARNED_FROM, type=str),
             _argument(
                 "--replay FILE", "play a demo_K.npz first, such as a log of jaxrmp drive; the policy takes over then"
             ),
-            _argument("--balls N", "draggable obstacles, default 1, in a scene 0", choices=(0, 1, 2)),
+            _argument(
+                "--balls N",
+                "obstacles at first, of the three that there can be: default 1, in a scene none yet; 0: none at all",
+                choices=(0, 1, 2, 3),
+            ),
+            _argument("--gains FILE", "begin with the gains of this TOML file, as the page saves them"),
             *_PAGE,
         ],
     ),

@@ -163,9 +163,14 @@ def _subtasks(subtasks: Iterable[Mapping[str, Any]]) -> list[str]:
 
 
 def run_page(
-    report: Mapping[str, Any], made_by: Mapping[str, Any], figures: Mapping[str, tuple[bytes, str]], path: Path
+    report: Mapping[str, Any],
+    made_by: Mapping[str, Any],
+    figures: Mapping[str, tuple[bytes, str]],
+    path: Path,
+    video: Path | None = None,
 ) -> Path:
-    """Write how trials in physics went, with the pictures, for a person; `report` is what `run --json` writes."""
+    """Write how trials in physics went, with the pictures and the `video`, for a person; `report` is what `run --json`
+    writes."""
     parts = [
         paragraph(
             f"{report['successes']} of {report['trials']} trials succeeded in scene {report['scene']}, in MuJoCo at "
@@ -181,7 +186,9 @@ def run_page(
                 "how it ended": lambda t: t["reason"],
                 "left to the goal, mm": lambda t: f"{1000 * t['final_error_m']:.1f}",
                 "angle, degrees": lambda t: "" if math.isnan(t["final_angle_deg"]) else f"{t['final_angle_deg']:.1f}",
-                "least clearance, mm": lambda t: f"{1000 * t['min_clearance_m']:.1f}",
+                "least clearance, mm": lambda t: (
+                    f"{1000 * t['min_clearance_m']:.1f}" if math.isfinite(t["min_clearance_m"]) else "not checked"
+                ),
                 "time, s": lambda t: f"{t['time_s']:.1f}",
                 "demonstration": lambda t: t["path"]["demonstration"] if t["path"] else "",
                 "DTW, cm": lambda t: f"{t['path']['dtw_cm']:.2f}" if t["path"] else "",
@@ -195,6 +202,7 @@ def run_page(
                 ),
             },
         ),
+        *([_page.video(video, "The first trials, one after the other, in real time.")] if video else []),
         _page.pictures(figures),
         _page.settings(report, ("settings",)),
         _page.settings(made_by, ("configuration", "versions")),
@@ -207,8 +215,8 @@ def _paths(report: Mapping[str, Any]) -> str:
     if mean is None:
         return "No trial starts as a demonstration did, so there is no path to compare."
     return (
-        f"{report['trials_compared']} trials start as a demonstration did. Their paths are {mean['dtw_cm']:.2f} cm "
-        f"(DTW) and {mean['frechet_cm']:.2f} cm (Fréchet) from it in the mean, in the object's frame."
+        f"Trials that start as a demonstration did: {report['trials_compared']}. In the mean their paths are "
+        f"{mean['dtw_cm']:.2f} cm (DTW) and {mean['frechet_cm']:.2f} cm (Fréchet) from it, in the object's frame."
     )
 
 

@@ -11,6 +11,7 @@ from ..learning import Reproduction, Skill, prepare, reproduce
 from ..simulation import Rollout, arrival
 from ..visualization import save_reproduction_figures
 from ..xla import quickly
+from ._optional import require
 from ._output import error_table, made_by, progress_bar, write_arrays, write_json
 from ._sources import demonstrations_of, skill_and_robot
 
@@ -19,6 +20,8 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
     duration = arguments.duration
     if not 0 < arguments.dt <= (arguments.dt if duration is None else duration) < float("inf"):
         raise ConfigurationError(f"--dt {arguments.dt} and --duration {duration}: expected 0 < dt <= duration.")
+    if arguments.figures:
+        require("plots")
     skill, robot = skill_and_robot(arguments.skill, arguments.robot)
     demonstrations = demonstrations_of(skill, arguments.demos, robot)
     with progress_bar(arguments.quiet) as progress:

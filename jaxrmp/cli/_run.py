@@ -2,7 +2,7 @@
 
 import argparse
 import contextlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -16,8 +16,9 @@ from .._pytree import single
 from ..perception import DepthTracker
 from ..policies import FoundDetour, find_detour, whole_arm_policy
 from ..scenes import Scene
-from ._camera import camera_report, check_camera, noise_of, scene_camera
+from ._camera import camera_report, camera_spheres, check_camera, noise_of, scene_camera
 from ._camera_words import seen_in_words
+from ._optional import can_draw, require
 from ._output import aligned, made_by, progress_bar, tell, write_json
 from ._report_pages import FIGURES, pictures_in, run_page
 from ._run_sequence import run_sequence
@@ -36,6 +37,9 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
     arguments.trials = _TRIALS if arguments.trials is None else arguments.trials
     if arguments.video:
         visualization.check_video_name(arguments.video)
+        require("simulation")
+    if arguments.figures:
+        require("plots")
     check_camera(arguments)
     if arguments.video or arguments.figures or arguments.camera:
         visualization.prepare_headless()
@@ -99,8 +103,8 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
                 tracking = [name for name in vars(arguments) if name.startswith("tracker")]
                 settings = {"skill": str(arguments.skill), "learned_from": skill.source}
                 settings |= {name: getattr(arguments, name) for name in (*_DECISIVE, *_OF_CAMERA, *tracking)}
-                figures = pictures_in(drawn) or _figures(result, prepared, reproduction)
-                run_page({**report, "settings": settings}, made, figures, page)
+                figures = pictures_in(drawn) or (_figures(result, prepared, reproduction) if can_draw() else {})
+                run_page({**report, "settings": settings}, made, figures, page, arguments.video)
     print(outcome_table(report))
     if diverged := [t["trial"] for t in report["per_trial"] if t["diverged"]]:
         tell(f"{len(diverged)} of {len(trials)} trials diverged: {diverged}. Replay one with --trial K.")
@@ -143,7 +147,7 @@ def _tracker(
 ) -> contextlib.AbstractContextManager[DepthTracker | simulation.TrackerSettings | None]:
     """What tells the policy where the object is, within which it does."""
     if arguments.camera:
-        return scene_camera(arguments, skill, scene, prepared)
+        return scene_camera(arguments, scene, prepared, camera_spheres(skill, scene))
     needed = arguments.tracker == "auto" and (skill.configuration.object or arguments.displace)
     return contextlib.nullcontext(noise_of(arguments) if arguments.tracker == "on" or needed else None)
 
@@ -197,6 +201,12 @@ def report_dict(result: simulation.Run, first: int = 0, paths: Paths | None = No
     return {"scene": result.scene.name, **counts, "path": mean if compared else None, "per_trial": per_trial}
 
 
+def clearance_in_words(trial: Mapping[str, Any]) -> str:
+    """The least clearance of a trial, mm, or that there was nothing to check."""
+    least = trial["min_clearance_m"]
+    return f"{1000 * least:.1f}" if np.isfinite(least) else "not checked"
+
+
 def outcome_table(report: dict[str, Any]) -> str:
     """All trials as a table, a line each, and what to know about torques and speeds."""
     head = ["trial", "success", "error_mm", "angle_deg", "clearance_mm", "time_s", "dtw_cm", "frechet_cm", "reason"]
@@ -209,7 +219,7 @@ def outcome_table(report: dict[str, Any]) -> str:
                 "yes" if trial["success"] else "no",
                 f"{1000 * trial['final_error_m']:.1f}",
                 "-" if np.isnan(trial["final_angle_deg"]) else f"{trial['final_angle_deg']:.1f}",
-                f"{1000 * trial['min_clearance_m']:.1f}",
+                clearance_in_words(trial),
                 f"{trial['time_s']:.1f}",
                 *(f"{path[name]:.2f}" if path else "-" for name in ("dtw_cm", "frechet_cm")),
                 trial["reason"],
@@ -230,8 +240,8 @@ def outcome_table(report: dict[str, Any]) -> str:
         lines.append(seen_in_words(seen))
     if mean := report["path"]:
         lines.append(
-            f"{report['trials_compared']} trials start as a demonstration did; their ways are {mean['dtw_cm']:.2f} cm "
-            f"(DTW) and {mean['frechet_cm']:.2f} cm (Frechet) from it in the mean"
+            f"trials that start as a demonstration did: {report['trials_compared']}; in the mean their ways are "
+            f"{mean['dtw_cm']:.2f} cm (DTW) and {mean['frechet_cm']:.2f} cm (Frechet) from it"
         )
     else:
         lines.append("no trial starts as a demonstration did: there is no way to compare (dtw_cm, frechet_cm)")

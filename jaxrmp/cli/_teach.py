@@ -4,7 +4,7 @@ import argparse
 from collections.abc import Callable
 
 from ..viewer import Teacher, reach_content
-from ._pages import show
+from ._pages import access_of, show
 from ._sources import robot_of
 
 
@@ -18,4 +18,5 @@ def _teacher(arguments: argparse.Namespace, progress: Callable[[str, float], Non
     progress("covering", 0.1)
     content = reach_content(robot, arguments.frame, balls=0, self_collision=False)
     progress("drawing", 0.4)
-    return Teacher(content, arguments.out, arguments.robot, overwrite=arguments.overwrite, port=arguments.port)
+    given = {"overwrite": arguments.overwrite, "port": arguments.port, "access": access_of(arguments)}
+    return Teacher(content, arguments.out, arguments.robot, **given)

@@ -2,6 +2,7 @@
 
 import argparse
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -11,13 +12,23 @@ from .._files import read_npz
 from ..kinematics import Robot
 from ..learning import Demonstration, prepare
 from ..learning._demonstrations import check_demonstration
-from ..viewer import Recording, Viewer, reach_content, skill_content
+from ..viewer import Content, Recording, Viewer, reach_content, skill_content
+from ..viewer._gain_file import with_gains_of
+from ..viewer._obstacles import SLOTS
+from ..visualization import prepare_headless
+from ._camera import camera_spheres, check_looked_for, check_place, scene_camera
 from ._output import tell
-from ._pages import show
+from ._pages import access_of, show
 from ._sources import demonstrations_of, robot_of, scene_of, skill_and_robot
 
 
 def run(arguments: argparse.Namespace, rest: list[str]) -> None:
+    check_place(arguments)
+    access_of(arguments)
+    if arguments.camera:
+        if arguments.skill is None or not arguments.scene:
+            raise ConfigurationError("--camera looks for the object of a scene: give SKILL and --scene SCENE with it.")
+        prepare_headless()
     hint = "Drag the goal of {hand}, push the arm, turn its gains."
     show(lambda progress: _viewer(arguments, progress), arguments, hint)
 
@@ -30,14 +41,15 @@ def _viewer(arguments: argparse.Namespace, progress: Callable[[str, float], None
         balls = 1 if arguments.balls is None else arguments.balls
         robot = robot_of(arguments.robot, arguments.fix, arguments.frame, arguments.quiet)
         progress("covering", 0.1)
-        content = reach_content(robot, arguments.frame, balls=balls)
+        content = reach_content(robot, arguments.frame, balls=balls, slots=_slots(arguments))
         if isinstance(robot, Robot) and not np.allclose(content.q, robot.middle) and not arguments.quiet:
             tell(
                 "in the middle of its joints' ranges the arm is stretched out, or touches itself: it starts at a "
                 "posture that was found, from which it gets around."
             )
         progress("drawing", 0.4)
-        return Viewer(content, arguments.port, replayed=_recording(arguments.replay, content.policy.robot))
+        replayed = _recording(arguments.replay, content.policy.robot)
+        return Viewer(_tuned(content, arguments), arguments.port, replayed=replayed, access=access_of(arguments))
     if arguments.frame or arguments.fix:
         raise ConfigurationError(
             "--frame and --fix are for the hand-designed policy: a skill has its control points and its robot. Leave "
@@ -54,10 +66,30 @@ def _viewer(arguments: argparse.Namespace, progress: Callable[[str, float], None
         tell(f"without demonstrations: {error}")
     progress("covering", 0.1)
     balls = (0 if place is not None else 1) if arguments.balls is None else arguments.balls
-    content = skill_content(skill, robot, prepared, scene=place, balls=balls)
+    content = skill_content(skill, robot, prepared, scene=place, balls=balls, slots=_slots(arguments))
+    if place is not None and arguments.camera:
+        check_looked_for(place)
+        spheres = camera_spheres(skill, place)
+        content = content._replace(
+            camera=partial(scene_camera, arguments, place, prepared, spheres), camera_spheres=spheres
+        )
     progress("drawing", 0.4)
     replayed = _recording(arguments.replay, robot)
-    return Viewer(content, arguments.port, skill=skill, prepared=prepared, replayed=replayed)
+    content = _tuned(content, arguments)
+    more = {"skill": skill, "prepared": prepared, "replayed": replayed, "access": access_of(arguments)}
+    return Viewer(content, arguments.port, **more)
+
+
+def _tuned(content: Content, arguments: argparse.Namespace) -> Content:
+    """The content with the gains of `--gains`."""
+    if arguments.gains is None:
+        return content
+    return content._replace(policy=with_gains_of(content.policy, arguments.gains))
+
+
+def _slots(arguments: argparse.Namespace) -> int:
+    """How many obstacles there can be: none where none are asked for."""
+    return 0 if arguments.balls == 0 else SLOTS
 
 
 def _recording(file: Path | None, robot: Robot) -> Recording | None:

@@ -24,7 +24,7 @@ class Finished:
     """
 
     def __init__(self, engine: Engine, problem: Problem, starts: np.ndarray, path: str | os.PathLike | None = None):
-        self.path = path and Path(path)
+        self.path = None if path is None else Path(path)
         self.done = np.zeros(len(starts), bool)
         self.found: dict[str, np.ndarray] = {}
         self._key, self._written = _key(engine, problem, starts), time.monotonic()

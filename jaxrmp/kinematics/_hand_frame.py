@@ -7,7 +7,11 @@ from ._robot import KinematicModel, Robot
 _FINGER = re.compile(
     r"finger|gripper|jaw|knuckle|thumb|claw|driver|coupler|follower|(^|_)(index|middle|ring|little|pinky)_", re.I
 )
-_NO_HAND = re.compile(r"camera|optical|sensor|imu|force|torque|(^|_)ft(_|$)|light|led|laser|lidar|marker|finger", re.I)
+_NO_HAND = re.compile(
+    r"camera|optical|sensor|imu|force|torque|(^|_)ft(_|$)|light|led|laser|lidar|marker|finger|knuckle|"
+    r"(^|_)(inner|outer|motor|single|double|driver|coupler|follower)(_|$)",  # parts of a gripper
+    re.I,
+)
 # What hands are called, the most telling first.
 _CALLED = [
     re.compile(pattern, re.I)
@@ -64,7 +68,8 @@ def _deepest(above: list[list[int]], finger: set[int]) -> list[int]:
 
 
 def fingers_of(model: KinematicModel) -> set[int]:
-    """Joints, locked or not, that are called fingers, or are on three short branches or more at the end of an arm."""
+    """Joints, locked or not, that are called fingers, or are on three short branches or more at the end of an arm; none
+    where all are: a finger alone is an arm."""
     fingers = {i for i, joint in enumerate(model.joints) if _FINGER.search(joint.name)}
     for palm in range(1, len(model.bodies)):
         arm = len(model.joints_above(palm, locked=True))
@@ -77,4 +82,4 @@ def fingers_of(model: KinematicModel) -> set[int]:
         moving = [joints for joints in branches.values() if joints]
         if arm >= _ARM and len(moving) >= _HAND and all(len(joints) <= _FINGER_JOINTS for joints in moving):
             fingers.update(*moving)
-    return fingers
+    return fingers if len(fingers) < len(model.joints) else set()

@@ -39,6 +39,7 @@ def evidence(
     q: jax.Array,
     gate: jax.Array,
     noise: DepthNoise = KINECT,
+    outlines: bool = True,
 ) -> Evidence:
     """The evidence of `rays` for the object's base at `R` [3, 3], `t` [3], m, and its joints at `q` [n].
 
@@ -46,7 +47,8 @@ def evidence(
     where it goes through a part, how far it is from that part's outline. Both by Geman and McClure, of a scale of three
     standard deviations and the `gate`, m: what is far from all parts has no say.
 
-    **Arguments**: `model`, the object; `settings`; `camera`, which took the image; `noise`, its.
+    **Arguments**: `model`, the object; `settings`; `camera`, which took the image; `noise`, its;
+    `outlines`, whether rays that go through a part count, which takes longer than all else.
     """
     dtype = t.dtype
     p = _to_base(R, t, rays.points)
@@ -61,24 +63,26 @@ def evidence(
     variance = across * across + settings.model_error**2
     weight = _weights(found.distance, variance, gate, 1.0)
     weight = jnp.where(rays.known, weight, 0)
-    before = 1 - (settings.clearance + 4 * sigma_z) * inverse
-    outline = seen_through(parts, p, camera_at, before)
-    pixel = 0.3 * rays.depth / jnp.asarray(camera.focal, dtype)[0]
-    through_weight = _weights(outline.distance, pixel * pixel + settings.outline_error**2, gate, 2.0)
-    crossed = rays.known & (outline.distance < 0)
-    through_weight = jnp.where(crossed, through_weight, 0)
-    A = _columns(model, parts, found), _columns(model, parts, outline)
-    rows = jnp.concatenate([jnp.stack(columns) for columns in A], axis=1)
-    weights = jnp.concatenate([weight, through_weight])
+    rows, weights = jnp.stack(_columns(model, parts, found)), weight
+    through = jnp.zeros(len(model.links), dtype)
+    if outlines:
+        before = 1 - (settings.clearance + 4 * sigma_z) * inverse
+        outline = seen_through(parts, p, camera_at, before)
+        pixel = 0.3 * rays.depth / jnp.asarray(camera.focal, dtype)[0]
+        through_weight = _weights(outline.distance, pixel * pixel + settings.outline_error**2, gate, 2.0)
+        crossed = rays.known & (outline.distance < 0)
+        through_weight = jnp.where(crossed, through_weight, 0)
+        rows = jnp.concatenate([rows, jnp.stack(_columns(model, parts, outline))], axis=1)
+        weights = jnp.concatenate([weight, through_weight])
+        through = _of_links(model, outline, crossed & (outline.distance < -settings.through), dtype)
     product = matmul(rows * weights, rows.T)
     fits = rays.known & (found.distance * found.distance < 9 * variance)
-    deep = crossed & (outline.distance < -settings.through)
     count = jnp.maximum(jnp.sum(fits), 1)
     return Evidence(
         product[:-1, :-1],
         product[:-1, -1],
         _of_links(model, found, fits, dtype),
-        _of_links(model, outline, deep, dtype),
+        through,
         jnp.sqrt(jnp.sum(jnp.where(fits, found.distance * found.distance, 0)) / count),
     )
 

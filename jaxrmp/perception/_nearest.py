@@ -10,17 +10,18 @@ import numpy as np
 from .._linalg import matmul
 from ..kinematics._motion import JointAxis, move
 from ..kinematics._scalars import add, cross, mul, sub3
-from ..world import Boxes
+from ..world import Boxes, SignedDistanceGrid
 from ..world._components import Point, components, corner_derivatives, dot, rotated, to_local
 from ..world._obstacles import FAR, with_fields
+from ._grids import distance_and_slope
 from ._object_model import ObjectModel
 
 _POSES, _PLACES = ("T_world_box", "T_world_cylinder", "T_world_grid"), ("start", "end", "center")
 
 
 class Parts(NamedTuple):
-    """Where the parts of an object are, in its base's frame: its shapes, kind by kind, with the place in
-    `ObjectModel.links` of the link of each; and the axes of its joints."""
+    """Where the parts of an object are, in its base's frame: its shapes, kind by kind, grids of one size stacked, with
+    the place in `ObjectModel.links` of the link of each; and the axes of its joints."""
 
     kinds: list[tuple[Any, np.ndarray]]
     axes: dict[int, JointAxis]
@@ -47,14 +48,15 @@ def parts_at(model: ObjectModel, q: jax.Array) -> Parts:
         motion = motions[link]
         R = jnp.stack([jnp.asarray(r, q.dtype) for r in motion.rotation]).reshape(3, 3)
         t = jnp.stack([jnp.asarray(x, q.dtype) for x in motion.position])
-        for i, kind in enumerate(world.kinds):
-            apart = (type(kind), k, i) if kind in world.grids else type(kind)
-            placed.setdefault(apart, []).append((k, _moved(kind, R, t)))
+        for kind in world.kinds:
+            alike = (type(kind), kind.values.shape, kind.smooth) if isinstance(kind, SignedDistanceGrid) else type(kind)
+            placed.setdefault(alike, []).append((k, _moved(kind, R, t)))
     kinds = []
     for found in placed.values():
         links = np.concatenate([np.full(kind.size, k, np.int32) for k, kind in found])
         alike = [kind for _, kind in found]
-        kinds.append((alike[0] if len(alike) == 1 else jax.tree.map(lambda *a: jnp.concatenate(a), *alike), links))
+        join = jnp.stack if isinstance(alike[0], SignedDistanceGrid) else jnp.concatenate
+        kinds.append((alike[0] if len(alike) == 1 else jax.tree.map(lambda *a, join=join: join(a), *alike), links))
     return Parts(kinds, axes)
 
 
@@ -107,10 +109,11 @@ def over_shapes(parts: Parts, p: Point, evaluate: Callable, better: Callable, st
         return jax.tree.map(lambda a, b: jnp.where(wins, a, b), new, best), None
 
     for kind, links in parts.kinds:
-        if kind.size == 1:
+        if len(links) == 1:
             best, _ = compare(best, (kind, links[0]))
         else:
-            one_by_one = jax.tree.map(lambda a: jnp.asarray(a)[:, None], kind)
+            grids = isinstance(kind, SignedDistanceGrid)  # of which each is one slot, without an axis for it
+            one_by_one = kind if grids else jax.tree.map(lambda a: jnp.asarray(a)[:, None], kind)
             best, _ = jax.lax.scan(compare, best, (one_by_one, jnp.asarray(links)))
     return best
 
@@ -161,6 +164,8 @@ def out_of_box(shape: Boxes, v: Point) -> Point:
 def _distance(shape: Any, p: Point, eye: Point) -> tuple[jax.Array, Point]:
     if isinstance(shape, Boxes):
         return _to_visible_faces(shape, p, eye)
+    if isinstance(shape, SignedDistanceGrid) and not shape.smooth:
+        return distance_and_slope(shape, p)
     columns: Any = tuple(x[:, None] for x in p)
     gradient, _ = shape.derivatives(columns, tuple(jnp.zeros_like(x) for x in columns))
     d = shape.distance(columns)

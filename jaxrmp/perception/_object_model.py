@@ -1,6 +1,7 @@
 """What is looked for: an object of rigid parts on joints, with their shapes."""
 
 import os
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,8 @@ from ..kinematics import Robot
 from ..kinematics._body_poses import body_poses
 from ..kinematics._mujoco import import_mujoco
 from ..kinematics._robot import Body, Frame, Joint, KinematicModel
-from ..world import Boxes, Capsules, Cylinders, Spheres, World, geometry_of_model
+from ..world import Boxes, Capsules, Cylinders, Spheres, World, geometry_of_model, grid_of_mesh
+from ._grids import of_one_shape
 from ._surface_points import surface_points
 
 _IDENTITY = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
@@ -58,6 +60,7 @@ def object_model(
     margin: float = 0.03,
     sets: int = 16,
     seed: int = 0,
+    spacing: float | None = None,
 ) -> ObjectModel:
     """The object that is the `body` of a MuJoCo model and all below it; the body itself is the base.
 
@@ -65,10 +68,11 @@ def object_model(
 
     **Arguments**: `source`, a `mujoco.MjModel`, a `Scene.model` say, or an MJCF or URDF file; `body`, by default all
     that is in the file; `points`, how many pixels are looked at in a picture; `margin`, how far beyond the surfaces,
-    m; `sets`, from picture to picture others, so many times; `seed`, of these.
+    m; `sets`, from picture to picture others, so many times; `seed`, of these; `spacing`, m, of the grids of signed
+    distances that stand for meshes, by default none.
     **Raises** `UnknownNameError` for a body that is not there, `RobotError` for joints that are neither hinges nor
-    slides, `NoGeometryError` for no shapes, or ellipsoids, meshes, planes and height fields: give an object of boxes,
-    capsules, cylinders and spheres, or make an `ObjectModel` with a `SignedDistanceGrid` for a shape.
+    slides, `NoGeometryError` for no shapes, or ellipsoids, planes, height fields, and, without `spacing`, meshes: give
+    an object of boxes, capsules, cylinders and spheres.
     """
     m = geometry_of_model(source) if isinstance(source, str | os.PathLike) else source
     names = [m.body(i).name or f"body_{i}" for i in range(m.nbody)]
@@ -83,7 +87,15 @@ def object_model(
     links = [k for k, found in enumerate(geoms) if found]
     if not links:
         raise NoGeometryError(f"body {body!r} has no geometry that a camera could see.")
-    shapes = [_shapes(m, geoms[k]) for k in links]
+    shapes = [shapes_of_geoms(m, geoms[k], spacing) for k in links]
+    return model_of_shapes(robot, links, shapes, points, margin, sets, seed)
+
+
+def model_of_shapes(
+    robot: Robot, links: Sequence[int], shapes: Sequence[World], points: int, margin: float, sets: int, seed: int
+) -> ObjectModel:
+    """The object with `shapes` on `links` of a `robot`, and where to look for it; the rest as `object_model`."""
+    shapes = of_one_shape(shapes)
     # Links that joints move get half of the points together, since on them there is less to see.
     moves = [bool(robot.model.joints_above(k)) for k in links]
     share = [1 / max(moves.count(True), 1) if moving else 1 / max(moves.count(False), 1) for moving in moves]
@@ -122,9 +134,11 @@ def _robot(m: Any, names: list[str], below: list[int]) -> Robot:
     return Robot(lower, upper, np.full(len(joints), np.inf), model)
 
 
-def _shapes(m: Any, geoms: list[int]) -> World:
+def shapes_of_geoms(m: Any, geoms: list[int], spacing: float | None) -> World:
+    """The shapes of some geometry of a body, in its frame: of meshes one grid with points `spacing` apart, m."""
     kinds = import_mujoco().mjtGeom
     rows: dict[str, list] = {"boxes": [], "capsules": [], "cylinders": [], "spheres": []}
+    corners, faces, count = [], [], 0
     for g in geoms:
         kind, size = kinds(m.geom_type[g]), m.geom_size[g]
         T = pose(m.geom_pos[g], rotation_of_quaternion(m.geom_quat[g]))
@@ -137,10 +151,20 @@ def _shapes(m: Any, geoms: list[int]) -> World:
             rows["cylinders"].append((T, size[0], size[1]))
         elif kind == kinds.mjGEOM_SPHERE:
             rows["spheres"].append((T[:3, 3], size[0]))
+        elif kind == kinds.mjGEOM_MESH and spacing is not None:
+            k = m.geom_dataid[g]
+            vertices = m.mesh_vert[m.mesh_vertadr[k] :][: m.mesh_vertnum[k]].astype(float)
+            corners.append(vertices @ T[:3, :3].T + T[:3, 3])
+            faces.append(m.mesh_face[m.mesh_faceadr[k] :][: m.mesh_facenum[k]] + count)
+            count += len(vertices)
         else:
             raise NoGeometryError(
                 f"geometry {m.geom(g).name or g!r} of body {m.body(int(m.geom_bodyid[g])).name!r} is a "
-                f"{kind.name.removeprefix('mjGEOM_').lower()}: an object is of boxes, capsules, cylinders and spheres."
+                f"{kind.name.removeprefix('mjGEOM_').lower()}: an object is of boxes, capsules, cylinders and spheres"
+                f"{' and meshes' if spacing is not None else ', or, with a spacing for their grids, of meshes'}."
             )
     makers: dict[str, Any] = {"boxes": Boxes, "capsules": Capsules, "cylinders": Cylinders, "spheres": Spheres}
-    return World(**{name: makers[name].of(found) for name, found in rows.items() if found})
+    found: dict[str, Any] = {name: makers[name].of(found) for name, found in rows.items() if found}
+    if corners:
+        found["grids"] = (grid_of_mesh(np.concatenate(corners), np.concatenate(faces), spacing or 0.0),)
+    return World(**found)

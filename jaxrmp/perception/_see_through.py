@@ -5,9 +5,12 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from ..world import Boxes, Capsules, Cylinders, Spheres
-from ..world._components import Point, along, difference
+from ..world import Boxes, Capsules, Cylinders, SignedDistanceGrid, Spheres
+from ..world._components import Point, along, difference, to_local
+from ._grids import about, distance_and_slope
 from ._nearest import Found, Parts, in_box, out_of_box, over_shapes, visible_sides
+
+_SAMPLES, _FINER = 16, 9  # along a ray through a grid, and round the best of them
 
 
 def seen_through(parts: Parts, p: Point, camera: Point, before: jax.Array) -> Found:
@@ -17,7 +20,7 @@ def seen_through(parts: Parts, p: Point, camera: Point, before: jax.Array) -> Fo
     it enters a part nearer to the camera than the fraction `before` [N] of the way to its point. Minus the distance
     across the ray to the part's outline is the `distance`, 0 where nothing is met; `at`, where on the ray that is.
 
-    **Arguments**: `p`, three [N], and `camera`, three numbers, in the base's frame. Grids and half-spaces are left out.
+    **Arguments**: `p`, three [N], and `camera`, three numbers, in the base's frame. Half-spaces are left out.
     """
 
     def evaluate(shape: Any) -> tuple[jax.Array, Point, Point]:
@@ -25,6 +28,8 @@ def seen_through(parts: Parts, p: Point, camera: Point, before: jax.Array) -> Fo
             return _box(shape, p, camera, before)
         if isinstance(shape, Spheres | Capsules | Cylinders):
             return _round(shape, p, camera, before)
+        if isinstance(shape, SignedDistanceGrid):
+            return _grid(shape, p, camera, before)
         zero = jnp.zeros_like(p[0])
         return zero, (zero, zero, zero), p
 
@@ -43,6 +48,43 @@ def _round(shape: Any, p: Point, eye: Any, before: jax.Array) -> tuple[jax.Array
     d = jnp.minimum(shape.distance(x), 0)
     g = tuple(jnp.broadcast_to(c, d.shape)[:, 0] for c in gradient)
     return d[:, 0], g, tuple(c[:, 0] for c in x)  # type: ignore[return-value]
+
+
+def _grid(shape: SignedDistanceGrid, p: Point, eye: Any, before: jax.Array) -> tuple[jax.Array, Point, Point]:
+    """The least distance along a ray, where it runs in the grid: of some samples, and of more between their best."""
+    dtype = p[0].dtype
+    a = tuple(jnp.broadcast_to(x, y.shape) for x, y in zip(eye, p, strict=True))
+    start, end = to_local(shape.T_world_grid, a), to_local(shape.T_world_grid, p)
+    enters, leaves = jnp.zeros_like(before), before
+    for o, e, n, first in zip(start, end, shape.values.shape, jnp.asarray(shape.origin, dtype), strict=True):
+        way = jnp.where(jnp.abs(e - o) > 1e-9, e - o, 1e-9)
+        last = first + (n - 1) * jnp.asarray(shape.spacing, dtype)
+        sides = (first - o) / way, (last - o) / way
+        enters = jnp.maximum(enters, jnp.minimum(*sides))
+        leaves = jnp.minimum(leaves, jnp.maximum(*sides))
+    met = enters < leaves
+    way = difference(end, start)
+
+    def least(low: jax.Array, high: jax.Array, count: int) -> jax.Array:
+        slots = low[:, None] + (high - low)[:, None] * jnp.linspace(0, 1, count, dtype=dtype)
+        d = about(shape, tuple(o[:, None] + slots * w[:, None] for o, w in zip(start, way, strict=True)))
+        return jnp.take_along_axis(slots, jnp.argmin(d, axis=1)[:, None], axis=1)[:, 0]
+
+    width = (leaves - enters) / (_SAMPLES - 1)
+    best = least(enters, leaves, _SAMPLES)
+    best = least(jnp.maximum(best - width, enters), jnp.minimum(best + width, leaves), _FINER)
+    at = along(a, best, difference(p, a))  # type: ignore[arg-type]
+    d, gradient = _grid_at(shape, at)
+    return jnp.where(met, jnp.minimum(d, 0), 0), gradient, at  # type: ignore[return-value]
+
+
+def _grid_at(shape: SignedDistanceGrid, p: Any) -> tuple[jax.Array, Point]:
+    if not shape.smooth:
+        return distance_and_slope(shape, p)
+    x: Any = tuple(c[:, None] for c in p)
+    gradient, _ = shape.derivatives(x, tuple(jnp.zeros_like(c) for c in x))
+    a, b, c = (jnp.broadcast_to(g, x[0].shape)[:, 0] for g in gradient)
+    return shape.distance(x)[:, 0], (a, b, c)
 
 
 def _box(shape: Boxes, p: Point, eye: Any, before: jax.Array) -> tuple[jax.Array, Point, Point]:

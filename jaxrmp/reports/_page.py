@@ -14,7 +14,7 @@ body { font: 16px/1.5 system-ui, sans-serif; color: #1b1f23; max-width: 68rem; m
 table { border-collapse: collapse; margin: 0.5rem 0 1.5rem; display: block; overflow-x: auto; }
 th, td { text-align: right; padding: 0.2rem 0.8rem; border-bottom: 1px solid #ddd; }
 th:first-child, td:first-child { text-align: left; }
-img { max-width: 100%; height: auto; }
+img, video { max-width: 100%; height: auto; }
 figure { margin: 1.5rem 0; }
 figcaption { color: #55616b; }
 """
@@ -74,12 +74,23 @@ def pictures(figures: Mapping[str, tuple[bytes, str]]) -> str:
     return "".join(parts)
 
 
+def video(path: str | os.PathLike, caption: str) -> str:
+    """The video of a file, MP4 or GIF, in the page, with a sentence on what it shows."""
+    data, kind = base64.b64encode(Path(path).read_bytes()).decode(), Path(path).suffix[1:]
+    shown = (
+        f'<video controls loop muted playsinline src="data:video/mp4;base64,{data}"></video>'
+        if kind == "mp4"
+        else f'<img alt="video" src="data:image/gif;base64,{data}">'
+    )
+    return f"{heading('Video')}<figure>{shown}<figcaption>{html.escape(caption)}</figcaption></figure>"
+
+
 def settings(report: Mapping[str, Any], names: Iterable[str]) -> str:
-    """The entries `names` of a report that it has, as a table each; what is nested goes by dotted names."""
+    """The entries `names` of a report that it has, as a table each, in words; what is not set is left out."""
     return "".join(
         heading(name.replace("_", " ").capitalize()) + table(["", ""], [[*row] for row in _flat(report[name])])
         for name in names
-        if name in report
+        if name in report and _flat(report[name])
     )
 
 
@@ -94,5 +105,22 @@ def numbers(values: Iterable[float], digits: int = 3) -> str:
 def _flat(values: Mapping[str, Any], prefix: str = "") -> list[tuple[str, Any]]:
     rows: list[tuple[str, Any]] = []
     for name, value in values.items():
-        rows += _flat(value, f"{prefix}{name}.") if isinstance(value, Mapping) else [(f"{prefix}{name}", value)]
+        named = f"{prefix}{name}".replace("_", " ")
+        if isinstance(value, Mapping):
+            rows += _flat(value, f"{named}: ")
+        elif isinstance(value, list | tuple) and value and all(isinstance(entry, Mapping) for entry in value):
+            for k, entry in enumerate(value):
+                rows += _flat(entry, f"{named} {k + 1}: ")
+        elif value is not None and value != "" and value != [] and value != ():
+            rows.append((named, _in_words(value)))
     return rows
+
+
+def _in_words(value: Any) -> str:
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, list | tuple):
+        return ", ".join(map(_in_words, value))
+    if isinstance(value, float):
+        return "never" if value == float("inf") else f"{value:.6g}"
+    return str(value)

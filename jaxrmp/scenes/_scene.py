@@ -236,8 +236,11 @@ class Scene:
         return False
 
     def clearance(self, data: Any) -> float:
-        """Least distance in `data` of the arm's geometry to what it must not touch, planes aside, m; at most 1."""
+        """Least distance in `data` of the arm's geometry to what it must not touch, planes aside, m; at most 1, and
+        infinite where there is nothing of that kind: then nothing is checked."""
         mujoco = import_mujoco()
+        if not self.keeps_off:
+            return float("inf")
         m, least = self.model, _FAR
         x, reach = data.geom_xpos, m.geom_rbound
         for b in self.forbidden:
@@ -308,6 +311,12 @@ class Scene:
         arm = self.arm_geoms
         can = ((types[arm] & meets[:, None]) | (types[:, None] & meets[arm])).any(1) & ~self.of_arm
         return np.array([g for g in np.flatnonzero(can) if self.model.geom(int(g)).name not in self.may_touch], int)
+
+    @cached_property
+    def keeps_off(self) -> bool:
+        """Whether there is anything, planes aside, that the arm must not touch."""
+        plane = import_mujoco().mjtGeom.mjGEOM_PLANE
+        return len(self.arm_geoms) > 0 and bool((self.model.geom_type[self.forbidden] != plane).any())
 
     @cached_property
     def _forbidden(self) -> set[int]:

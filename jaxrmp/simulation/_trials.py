@@ -46,11 +46,12 @@ class Outcome(NamedTuple):
 
     `end`, an `End`: `CONVERGED` at the scene's goal, `TOUCHED`, `DIVERGED` or `UNFINISHED`; `reason`, in words;
     `final_error_m`, what is left to the goal, m; `final_angle_deg`, degrees, NaN where no angle is judged;
-    `min_clearance_m`, least distance to what must not be touched, m; `time_s`; `saturated`, the share of steps in which
-    a torque limit cut in, and `saturated_joints`, at which joints; `velocity_limited`, the share in which a velocity
-    limit did; `braked_s`, s without a pose to go by; `ignored`, how many of the obstacles that the policy was told of
-    are not finite, and were ignored; `tracking`, what the tracker reports of it, None if nothing; `left`, what the
-    scene says in words of what is left to its goal, such as "open by 3.1 mm", empty where it judges by none.
+    `min_clearance_m`, least distance to what must not be touched, m, infinite where there is nothing such: not
+    checked; `time_s`; `saturated`, the share of steps in which a torque limit cut in, and `saturated_joints`, at which
+    joints; `velocity_limited`, the share in which a velocity limit did; `braked_s`, s without a pose to go by;
+    `ignored`, how many of the obstacles that the policy was told of are not finite, and were ignored; `tracking`, what
+    the tracker reports of it, None if nothing; `left`, what the scene says in words of what is left to its goal, such
+    as "open by 3.1 mm", empty where it judges by none.
     """
 
     end: End

@@ -12,17 +12,23 @@ from ..learning import PreparedDemonstrations, Skill
 from ..policies import ArmPolicy, find_rest, reaching_policy, whole_arm_policy
 from ..scenes import Scene
 from ..world import RobotSpheres, World, own_spheres
-from ._obstacles import BALL_RADIUS
+from ._obstacles import SLOTS
 from ._session import Content
+from ._slot import RADIUS
 
 PANDA_HAND = "panda_hand_tcp"
 READY = np.array([0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785])
 _CLEAR = 0.06  # m, from the arm to a ball at first
-_BALLS = np.array([[0.45, 0.25, 0.45], [0.55, -0.3, 0.35]])
+_BALLS = np.array([[0.45, 0.25, 0.45], [0.55, -0.3, 0.35], [0.6, 0.0, 0.75]])
 
 
 def reach_content(
-    robot: str | Robot = "panda", frame: str | None = None, *, balls: int = 2, self_collision: bool = True
+    robot: str | Robot = "panda",
+    frame: str | None = None,
+    *,
+    balls: int = 1,
+    slots: int | None = None,
+    self_collision: bool = True,
 ) -> Content:
     """The hand-designed policy on the built-in Panda, or on another robot.
 
@@ -30,8 +36,8 @@ def reach_content(
     touching itself, in a posture of `policies.find_rest`.
 
     **Arguments**: `robot`, "panda", a file as `load_robot` takes it, or a `Robot`; `frame`, the hand, by default
-    `hand_frame`'s; `balls`, how many draggable obstacles there may be; `self_collision`, whether links keep off
-    each other.
+    `hand_frame`'s; `balls`, how many draggable obstacles there are at first, and `slots`, how many there can be, by
+    default three, none without balls; `self_collision`, whether links keep off each other.
     **Raises** `RobotError` for a file that is none, `UnknownNameError` for a frame that is not there.
     """
     built_in = robot == "panda"
@@ -52,8 +58,8 @@ def reach_content(
         world=World(),
         q=rest,
         hand=hand,
-        balls=(_BALLS if built_in else _beside(policy, rest, T[:3, 3]))[:balls],
-        shown=min(balls, 1),
+        balls=(_BALLS if built_in else _beside(policy, rest, T[:3, 3]))[: _slots(balls, slots)],
+        shown=balls,
     )
 
 
@@ -67,6 +73,10 @@ def _rest_of(arm: Robot, hand: str) -> np.ndarray:
             return find_rest(arm, hand, own=arm.middle)
 
 
+def _slots(balls: int, slots: int | None) -> int:
+    return max(balls, SLOTS if slots is None and balls else slots or 0)
+
+
 def _beside(policy: ArmPolicy, rest: np.ndarray, hand: np.ndarray) -> np.ndarray:
     """Where balls may be, 0.3 m from the hand on either side, then elsewhere: first those clear of the arm, [6, 3]."""
     places = hand + 0.3 * np.array([[0, 1, 0], [0, -1, 0], [1, 0, 0], [-1, 0, 0], [0, 0, 1], [0, 0, -1]])
@@ -74,7 +84,7 @@ def _beside(policy: ArmPolicy, rest: np.ndarray, hand: np.ndarray) -> np.ndarray
         return places
     at = np.asarray(policy.spheres.points(policy.robot)(jnp.asarray(rest, jnp.float32)))
     away = np.linalg.norm(places[:, None] - at, axis=2) - np.asarray(policy.spheres.radii)
-    return places[np.argsort(away.min(axis=1) < BALL_RADIUS + _CLEAR, kind="stable")]
+    return places[np.argsort(away.min(axis=1) < RADIUS + _CLEAR, kind="stable")]
 
 
 def skill_content(
@@ -84,24 +94,30 @@ def skill_content(
     *,
     scene: Scene | None = None,
     balls: int = 1,
+    slots: int | None = None,
 ) -> Content:
     """A `skill` on its `robot`, in a `scene` or alone, its object where it was demonstrated.
 
     **Arguments**: `prepared`, the demonstrations: the arm starts where the first of them starts; None if they cannot be
-    had; `balls`, how many draggable obstacles there may be.
+    had; `balls` and `slots` as of `reach_content`.
     """
     built_in = robot.fingerprint == panda().fingerprint
     start = READY if built_in else robot.middle
     T = np.asarray(skill.T_world_object, float)
+    policy, hand = whole_arm_policy(skill, robot), PANDA_HAND if built_in else skill.frames[0]
+    q = start if prepared is None else np.asarray(prepared.joints.q[0][0])
+    place = np.asarray(forward_kinematics(robot, q, hand), float)[:3, 3]
+    places = _BALLS if built_in else _beside(policy, q, place)
     return Content(
-        policy=whole_arm_policy(skill, robot),
+        policy=policy,
         T_world_target=T,
         target=skill.configuration.object or "object",
-        world=World(capsules=scene.obstacles(T).capsules if scene is not None else None),
-        q=start if prepared is None else np.asarray(prepared.joints.q[0][0]),
-        hand=PANDA_HAND if built_in else skill.frames[0],
+        world=World() if scene is None else scene.obstacles(T),
+        q=q,
+        hand=hand,
         furniture=scene,
-        balls=_BALLS[:balls] if built_in else np.zeros((0, 3)),
+        balls=places[: _slots(balls, slots)],
+        shown=balls,
         frames=tuple(dict.fromkeys(skill.frames)),
-        labels=tuple(f"learned: {name}" for name in skill.parts),
+        hints=tuple(f"learned: {name}" for name in skill.parts),
     )

@@ -36,7 +36,7 @@ class FurnitureView:
         place(self._node, T_world_object)
 
     def clearance(self, q: np.ndarray, T_world_object: np.ndarray) -> float:
-        """Least distance of the arm's geometry at `q` [n] to what it must not touch, m; at most 1."""
+        """Least distance of the arm's geometry at `q` [n] to what it must not touch, as `Scene.clearance`, m."""
         mujoco, scene, data = import_mujoco(), self._scene, self._data
         scene.move_object(data, T_world_object)
         data.qpos[scene.arm_qpos] = q

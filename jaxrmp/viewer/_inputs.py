@@ -78,13 +78,19 @@ class GainSliders:
     def __init__(self, server: Any, policy: Any):
         self._policy = policy
         self._sliders = {}
+        self._known = {gain.path: gain_value(policy, gain.path) for gain in gains_of(policy)}
         for gain in gains_of(policy):
             value = gain_value(policy, gain.path)
             if value <= 0:
                 continue
             step = value / 50
             slider = server.gui.add_slider(
-                gain.label, 0.0 if gain.zero else step, _RANGE * value, step=step, initial_value=value
+                gain.label,
+                0.0 if gain.zero else step,
+                _RANGE * value,
+                step=step,
+                initial_value=value,
+                hint=gain.path,
             )
             self._sliders[gain.path] = (slider, value)
         self._last: tuple[float, ...] = tuple(value for _, value in self._sliders.values())
@@ -103,6 +109,17 @@ class GainSliders:
             self._last, self._current = values, policy
         return self._current
 
+    @property
+    def values(self) -> dict[str, float]:
+        """All gains that the policy has, by their paths, as they stand."""
+        return self._known | {path: float(slider.value) for path, (slider, _) in self._sliders.items()}
+
+    @property
+    def changed(self) -> dict[str, float]:
+        """Those that are not as they were at the start."""
+        now = {path: (float(slider.value), value) for path, (slider, value) in self._sliders.items()}
+        return {path: value for path, (value, initial) in now.items() if abs(value - initial) > 1e-6 * abs(initial)}
+
     def slider(self, path: str) -> Any:
         """The slider of a gain, given its path, leaf.parameter."""
         return self._sliders[path][0]
@@ -114,11 +131,13 @@ class GainSliders:
 
 
 class LeafSwitches:
-    """A checkbox for each leaf, and the shares that they stand for."""
+    """A checkbox for each leaf, named as the inspector names it, the first ones with `hints`, and the shares that they
+    stand for."""
 
-    def __init__(self, server: Any, names: tuple[str, ...], labels: tuple[str, ...]):
+    def __init__(self, server: Any, names: tuple[str, ...], hints: tuple[str, ...]):
         self.names = names
-        self.boxes = [server.gui.add_checkbox(label, True) for label in labels]
+        more = (*hints, *[""] * (len(names) - len(hints)))
+        self.boxes = [server.gui.add_checkbox(n, True, hint=h or None) for n, h in zip(names, more, strict=True)]
 
     def read(self) -> np.ndarray:
         """One or zero for each leaf, [S]."""

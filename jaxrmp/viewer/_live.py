@@ -8,12 +8,13 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._forms import NaturalForm, resolve
-from .._linalg import matmul
+from .._linalg import length, matmul
 from .._pytree import pytree, static
 from .._task_map import pushforward
 from .._tree import Batched, Node, pullback
 from ..inspection import inspect
 from ..kinematics import ControlPoints, frame_poses
+from ..policies import goal_distance
 from ..simulation import Motion, euler
 from ..world import World, ignored_in
 from ._push import Push
@@ -21,6 +22,8 @@ from ._switched import switched
 
 STEP = 0.001
 """Seconds from one evaluation of the policy to the next: the live arm runs it at 1 kHz."""
+
+_NOTHING, _LEAST_SHARE = 1e-4, 0.005  # rad/s^2, and a share, that are rounding
 
 
 @pytree
@@ -76,12 +79,14 @@ def advance(situation: Situation, motion: Motion, steps: jax.Array, frames: tupl
 @pytree
 class Look:
     """What `examine` tells of each of S leaves: `share` [S] in the force at the joints; `gap` [S], the least distance
-    to what it is about, m, infinite without. And `weight`, how heavy the hand is; `ignored`, how many obstacles are not
-    finite; `uncertified`, the names of leaves that have no certificate."""
+    to what it is about, m, infinite without. And `weight`, how heavy the hand is; `goal`, how far it is to the goal, m,
+    NaN where the policy does not say; `ignored`, how many obstacles are not finite; `uncertified`, the names of leaves
+    that have no certificate."""
 
     share: jax.Array
     gap: jax.Array
     weight: jax.Array
+    goal: jax.Array
     ignored: jax.Array
     uncertified: tuple[str, ...] = static()
 
@@ -89,8 +94,9 @@ class Look:
 @partial(jax.jit, static_argnames=("hand", "leaves"))
 def examine(situation: Situation, motion: Motion, hand: str, leaves: tuple[str, ...]) -> Look:
     """A look at what the `leaves` do at one state, points of a batched one as one. The hand's weight is the mean of the
-    policy's metric seen from it, `(J M^-1 J^T)^-1`. A row for each point stays within the program: there can be
-    ten thousand."""
+    policy's metric seen from it, `(J M^-1 J^T)^-1`. Shares of forces that together could not move a joint by 1e-4
+    rad/s^2, and those below half a percent, are rounding, and zero. A row for each point stays within the program:
+    there can be ten thousand."""
     found = inspect(situation.tree(hand), motion.q, motion.qd)
     J = pushforward(ControlPoints(situation.policy.robot, (hand,)), motion.q, motion.qd).J[0]
     mobility = matmul(J, resolve(NaturalForm(J, jnp.broadcast_to(found.M.sum(0), (3, *found.M.shape[1:])))).T)
@@ -98,10 +104,15 @@ def examine(situation: Situation, motion: Motion, hand: str, leaves: tuple[str, 
     row = np.array([index.get(name, index.get(name.partition("[")[0], len(leaves))) for name in found.names])
     total = partial(jax.ops.segment_sum, segment_ids=row, num_segments=len(leaves) + 1)
     least = partial(jax.ops.segment_min, segment_ids=row, num_segments=len(leaves) + 1)
+    share = total(found.force_share)[:-1]
+    moves = length(found.f).sum() > _NOTHING * jnp.trace(found.M.sum(0)) / found.M.shape[-1]
+    policy = situation.policy
+    goal = goal_distance(policy, motion.q, situation.T_world_target) if hasattr(policy, "with_targets") else jnp.nan
     return Look(
-        share=total(found.force_share)[:-1],
+        share=jnp.where(moves & ~(share < _LEAST_SHARE), share, 0),
         gap=least(jnp.where(jnp.isnan(found.gap), jnp.inf, found.gap))[:-1],
         weight=3 / jnp.trace(mobility),
+        goal=jnp.asarray(goal, motion.q.dtype),
         ignored=ignored_in(situation),
         uncertified=tuple(dict.fromkeys(n for n, sure in zip(found.names, found.certified, strict=True) if not sure)),
     )

@@ -35,7 +35,7 @@ class Frame(NamedTuple):
 class LiveLoop:
     """Runs the policy in a thread of its own: 1,000 steps a second of simulated time, as many calls as page updates.
 
-    `failure`, what ended it, if something did that should not have.
+    `ready` is set once there is a frame; `failure`, what ended it, if something did that should not have.
 
     **Arguments**: `read`, which gives the `Situation` as it is now and is called once a frame; `q` [n], where the arm
     starts, at rest; `frames`, whose poses are wanted; `hand`, the frame that is pushed; `on_frame`, called with every
@@ -60,13 +60,14 @@ class LiveLoop:
         self._time, self._steps, self._watch = 0.0, 0, EnergyWatch()
         self._news = threading.Condition()
         self._frame: Frame | None = None
-        self._end = threading.Event()
+        self._end, self.ready = threading.Event(), threading.Event()
         self.failure: BaseException | None = None
         self._thread = threading.Thread(target=self._run, name="policy", daemon=True)
 
     def prepare(self) -> None:
         """Compile, and take the first frame."""
         self._step(0, Rates(0.0, 0.0, 1.0, 0.0))
+        self.ready.set()
 
     def start(self) -> None:
         """Run from now on; after `prepare`."""
@@ -76,6 +77,7 @@ class LiveLoop:
     def stop(self) -> None:
         """End the thread and wait for it."""
         self._end.set()
+        self.ready.set()
         if self._thread.is_alive() and self._thread is not threading.current_thread():
             self._thread.join(timeout=10.0)
         with self._news:
@@ -95,6 +97,11 @@ class LiveLoop:
         """Simulated seconds of the last call; infinite while none pass: in a pause, on a path, before the start."""
         running = self.playing and not self.replaying and self._frame is not None
         return self._steps * STEP if running else np.inf
+
+    @property
+    def q(self) -> np.ndarray:
+        """Where the arm is, [n], before the first frame too."""
+        return np.asarray(self._motion.q)
 
     @property
     def replaying(self) -> bool:

@@ -18,7 +18,16 @@ _COLOURS = (
     "#bcbd22",
     "#17becf",
 )
-_HEIGHT = 190
+_HEIGHT = 200
+_LEAST = 0.01  # of an axis' end: below, ticks would be all zeros
+
+
+def round_end(value: float) -> float:
+    """The least of 1, 2, 5, 10, ... times a power of ten that is not below `value`, and `_LEAST` at least."""
+    if not value > _LEAST:
+        return _LEAST
+    power = 10.0 ** np.floor(np.log10(value) + 1e-9)
+    return float(next(k * power for k in (1, 2, 5, 10) if k * power >= value * (1 - 1e-9)))
 
 
 class Chart:
@@ -29,18 +38,19 @@ class Chart:
         series = [{"label": "s"}]
         for k, name in enumerate(names):
             series.append({"label": name, "stroke": _COLOURS[k % len(_COLOURS)], "width": 1.5})  # pyright: ignore
-        scales: dict[str, Any] = {"x": {"time": False}}
-        if limits:
-            scales["y"] = {"range": limits}
+        self._fixed, self._limits = limits is not None, limits or (0.0, 1.0)
         self._plot = server.gui.add_uplot(
             tuple(np.zeros(2) for _ in series),
             tuple(series),
             title=title,
-            scales=scales,
-            axes=({"size": 28}, {"size": 52}),
+            scales=self._scales(),
+            axes=({"size": 40, "space": 60}, {"size": 58, "space": 30}),
             legend={"show": True},
             height=_HEIGHT,
         )
+
+    def _scales(self) -> dict[str, Any]:
+        return {"x": {"time": False}, "y": {"range": self._limits}}
 
     def add(self, time: float, values: tuple[float, ...]) -> None:
         """Add a sample of all series; a time before the last begins anew."""
@@ -50,6 +60,15 @@ class Chart:
             self._rows.pop()
         self._rows.append((time, *values))
         if len(self._rows) > 1:
+            shown = np.array([row[1:] for row in self._rows], float)
+            shown = shown[np.isfinite(shown)]
+            if not self._fixed and shown.size:
+                low, high = float(shown.min()), float(shown.max())
+                # A little beyond, so that the last tick is there in full.
+                limits = (-1.05 * round_end(-low) if low < -0.01 * high else 0.0, 1.05 * round_end(high))
+                if limits != self._limits:
+                    self._limits = limits
+                    self._plot.scales = self._scales()
             self._plot.data = tuple(np.array(column, float) for column in zip(*self._rows, strict=True))
 
 
@@ -64,7 +83,7 @@ class Plots:
         with panel.add_tab("What the policy does"):
             self._energy = Chart(server, "energy V, and what its certificate allows", ("V", "allowed"))
             self.certificate = server.gui.add_markdown("")
-            self._shares = Chart(server, "share of each leaf in the force", leaves, (0.0, 1.0))
+            self._shares = Chart(server, "share of each leaf in the force", leaves, (0.0, 1.05))
             self._distances = Chart(server, "smallest distance (cm)", distances) if distances else None
         panel.dock_left()
         panel.set_width(340)

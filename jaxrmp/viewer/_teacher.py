@@ -13,6 +13,7 @@ from ._lines import DEMONSTRATED, PathLines
 from ._loop import Frame
 from ._poses import place, pose_of
 from ._recorder import Recorder
+from ._server import Access
 from ._session import Content, Session
 from ._taught_configuration import write_configuration
 
@@ -34,18 +35,28 @@ class Teacher(Session):
     attractor, joint limits, posture and damping.
 
     **Arguments**: `content`, by `reach_content`; `out`, the folder that demonstrations are saved to; `robot`, as named
-    by the user; `overwrite`, whether demonstrations that are there may be replaced; `port`.
+    by the user; `overwrite`, whether demonstrations that are there may be replaced; `port`; `access`, who may
+    see it, by default this machine alone.
     **Raises** `DemonstrationError` if `out` is not empty and may not be replaced, else as `Session`.
     """
 
-    def __init__(self, content: Content, out: Path, robot: str = "panda", *, overwrite: bool = False, port: int = 8080):
+    def __init__(
+        self,
+        content: Content,
+        out: Path,
+        robot: str = "panda",
+        *,
+        overwrite: bool = False,
+        port: int = 8080,
+        access: Access | None = None,
+    ):
         check_replaceable(out, overwrite)
         self.out, self._robot_name, self._overwrite = out, robot, overwrite
         self.recorder = Recorder()
         self._drawn: PathLines | None = None
         self._busy = threading.Lock()
         self._by_sliders = False
-        super().__init__(content, port, "jaxrmp: teach", folder="Teach")
+        super().__init__(content, port, "jaxrmp: teach", folder="Teach", access=access)
 
     def _build(self, server: Any, folder: str) -> None:
         super()._build(server, folder)

@@ -10,6 +10,7 @@ from ._lines import DEMONSTRATED, REPRODUCED, TARGET, PathLines, add_outline
 from ._loop import Frame
 from ._poses import place
 from ._recorder import Recording
+from ._server import Access
 from ._session import Content, Session
 
 
@@ -18,7 +19,7 @@ class Viewer(Session):
 
     **Arguments**: `content`, by `skill_content` or `reach_content`; `port`; with a skill, `skill` itself and its
     `prepared` demonstrations, where they could be had; `replayed`, a `Recording` to be played before the policy takes
-    over, and again by a button. **Raises** as `Session`.
+    over, and again by a button; `access`, who may see it, by default this machine alone. **Raises** as `Session`.
     """
 
     def __init__(
@@ -29,11 +30,12 @@ class Viewer(Session):
         skill: Skill | None = None,
         prepared: PreparedDemonstrations | None = None,
         replayed: Recording | None = None,
+        access: Access | None = None,
     ):
         self.skill, self.prepared, self.replayed = skill, prepared, replayed
         self._lines: dict[str, PathLines] = {}
         label = "jaxrmp" if skill is None else f"jaxrmp: {skill.configuration.name}"
-        super().__init__(content, port, label)
+        super().__init__(content, port, label, access=access)
 
     def _build(self, server: Any, folder: str) -> None:
         super()._build(server, folder)

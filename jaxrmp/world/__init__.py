@@ -6,6 +6,7 @@ from ._capsules import Capsules as Capsules
 from ._cylinders import Cylinders as Cylinders
 from ._grid import SignedDistanceGrid as SignedDistanceGrid
 from ._half_spaces import HalfSpaces as HalfSpaces
+from ._mesh_grid import grid_of_mesh as grid_of_mesh
 from ._never_near import without_never_near as without_never_near
 from ._obstacle_distances import ObstacleDistances as ObstacleDistances
 from ._obstacles import FAR as FAR

@@ -18,12 +18,12 @@ from ._cores import own_cores as own_cores
 from ._lanes import in_lanes as in_lanes
 from ._materialise import concatenated as concatenated
 from ._materialise import materialise as materialise
+from ._not_scalar import NotScalar as NotScalar
 from ._one_loop import one_loop as one_loop
 from ._quickly import WITHOUT_EMITTERS as WITHOUT_EMITTERS
 from ._quickly import known_options as known_options
 from ._quickly import quickly as quickly
 from ._report import Part as Part
 from ._report import report as report
-from ._scalar_program import NotScalar as NotScalar
 from ._switch import as_here as as_here
 from ._switch import machinery as machinery

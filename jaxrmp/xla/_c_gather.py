@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from ._scalar_program import NotScalar
+from ._not_scalar import NotScalar
 
 
 def gathered(parameters: dict[str, Any], operand: np.ndarray, starts: np.ndarray) -> np.ndarray:

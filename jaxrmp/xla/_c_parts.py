@@ -10,7 +10,7 @@ from ._c_nodes import sources_of
 from ._c_order import needed
 from ._c_program import Program
 from ._c_types import kind_of
-from ._scalar_program import NotScalar
+from ._not_scalar import NotScalar
 
 
 class Parts(NamedTuple):

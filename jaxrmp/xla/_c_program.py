@@ -20,8 +20,10 @@ from ._c_once import constant, repeated
 from ._c_scan import scanned
 from ._c_types import check_types, kind_of
 from ._c_while import looped
+from ._elementwise import in_known_operations
+from ._not_scalar import NotScalar, UnknownOperation
 from ._rows import matrices, rows_over
-from ._scalar_program import ELEMENTWISE, Builder, NotScalar, Operation, coordinate_program
+from ._scalar_program import ELEMENTWISE, Builder, Operation, coordinate_program
 
 _LEAST = 4  # coordinates from which on a loop is worth it
 _SMALL = 16  # entries of an array that is taken apart, and operations of a product or a sum
@@ -156,8 +158,6 @@ class Program(Builder):
             return scanned(self, parameters, operands)
         if name == "while":
             return looped(self, parameters, operands)
-        if name == "unstack":
-            return list(np.moveaxis(operands[0], parameters["axis"], 0))
         types = [v.aval.dtype for v in (*equation.invars, *equation.outvars)]
         if name == "convert_element_type" and (operands[0] < 0).all():
             known = [self.known(p) for p in operands[0].reshape(-1)]
@@ -166,6 +166,12 @@ class Program(Builder):
         if name == "convert_element_type":
             return [self._converted(equation.primitive, operands[0], *types)]
         return super()._equation(equation, operands)
+
+    def _unknown(self, equation, operands):
+        found = in_known_operations(equation)
+        if found is None:
+            raise UnknownOperation(equation.primitive.name)
+        return self.run(found.jaxpr, [self.numbers(c) for c in found.consts], operands)
 
     def _converted(self, primitive, places, old, new) -> np.ndarray:
         if old == new:

@@ -4,7 +4,8 @@ from typing import Any
 
 import numpy as np
 
-from ._scalar_program import Builder, NotScalar
+from ._not_scalar import NotScalar
+from ._scalar_program import Builder
 
 _MOST = 64  # steps
 
@@ -14,7 +15,7 @@ def scanned(builder: Builder, parameters: dict[str, Any], operands: list[np.ndar
     steps, closed = parameters["length"], parameters["jaxpr"]
     if steps > _MOST:
         raise NotScalar(f"holds `scan` of {steps:,} steps")
-    fixed, carried = parameters["num_consts"], parameters["num_consts"] + parameters["num_carry"]
+    fixed, carried = _ends(parameters)
     carry, rows = operands[fixed:carried], []
     for k in reversed(range(steps)) if parameters["reverse"] else range(steps):
         arguments = [*operands[:fixed], *carry, *(x[k] for x in operands[carried:])]
@@ -23,3 +24,12 @@ def scanned(builder: Builder, parameters: dict[str, Any], operands: list[np.ndar
         rows.append(found[len(carry) :])
     rows = rows[::-1] if parameters["reverse"] else rows
     return [*carry, *map(np.stack, zip(*rows, strict=True))]
+
+
+def _ends(parameters: dict[str, Any]) -> tuple[int, int]:
+    """Where among the operands what stays the same ends, and what is carried."""
+    if "ft_in" in parameters:  # of newer versions of JAX, such as 0.12
+        fixed, carried, _ = (len(list(part)) for part in parameters["ft_in"].unpack())
+    else:
+        fixed, carried = parameters["num_consts"], parameters["num_carry"]
+    return fixed, fixed + carried

@@ -23,7 +23,7 @@ from ._c_parts import taken_apart
 from ._c_repeated import without_repetition
 from ._c_text import Writer
 from ._c_while import declared, results_of, statements, structs
-from ._scalar_program import NotScalar
+from ._not_scalar import NotScalar
 
 _MOST_STACK = 1 << 20  # bytes
 _LONGEST = 200  # characters of an expression that becomes part of another

@@ -4,7 +4,8 @@ from typing import Any
 
 import numpy as np
 
-from ._scalar_program import MOVES, NotScalar
+from ._not_scalar import NotScalar
+from ._scalar_program import MOVES
 
 # Truth is all bits set or none, whose order is not that of numbers.
 _OF_NUMBERS = frozenset(

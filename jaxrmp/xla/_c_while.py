@@ -11,7 +11,7 @@ from .._errors import ConfigurationError
 from ._c_fields import HIT, Field, struct
 from ._c_nodes import Node
 from ._c_types import kind_of
-from ._scalar_program import NotScalar
+from ._not_scalar import NotScalar
 
 
 def looped(program: Any, parameters: dict[str, Any], operands: list[np.ndarray]) -> list[np.ndarray]:

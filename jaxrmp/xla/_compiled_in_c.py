@@ -15,7 +15,7 @@ from ._c_compiler import library_of
 from ._c_fields import HIT, Field, layout, struct
 from ._c_single import single_program
 from ._c_while import require_count
-from ._scalar_program import NotScalar
+from ._not_scalar import NotScalar
 from ._switch import machinery
 
 _FLAGS = "-std=c99 -O3 -march=native -fno-math-errno -fPIC -shared"

@@ -22,9 +22,9 @@ from jax.interpreters import mlir
 
 from ._c_compiler import library_of
 from ._c_lanes import CProgram, c_program
+from ._not_scalar import NotScalar, UnknownOperation
 from ._one_loop import as_it_stands, bound, define
 from ._plan import logger
-from ._scalar_program import NotScalar
 from ._switch import may_call_c
 
 in_lanes_p = Primitive("in_lanes")
@@ -110,12 +110,21 @@ def program_of(jaxpr: ClosedJaxpr, mapped: tuple[bool, ...], name: str) -> tuple
     """A function as C, or None and why not."""
     try:
         return c_program(jaxpr, mapped), ""
+    except UnknownOperation as error:
+        _say_once(error.name)
+        return None, str(error)
     except NotScalar as error:
         logger.info("%s is not written in C: %s", name, error)
         return None, str(error)
     except Exception as error:  # of ours: a batch must not fail for what only makes it faster
         logger.warning("%s cannot be written in C, and runs slower; please report: %r", name, error)
         return None, repr(error)
+
+
+@functools.cache
+def _say_once(operation: str) -> None:
+    """Of one that may be new to us, and by which policies run slower without any fault of theirs."""
+    logger.warning("`%s` of JAX %s has no form in C here: what holds it runs slower.", operation, jax.__version__)
 
 
 @functools.lru_cache(maxsize=256)

@@ -7,7 +7,8 @@ from typing import Any, NamedTuple
 
 from jax.extend.core import ClosedJaxpr
 
-from ._scalar_program import NotScalar, ScalarProgram, coordinate_program, scalar_program
+from ._not_scalar import NotScalar
+from ._scalar_program import ScalarProgram, coordinate_program, scalar_program
 
 logger = logging.getLogger("jaxrmp.xla")
 FEWEST = 64  # states from which on a loop is worth it

@@ -9,6 +9,8 @@ import jax
 import numpy as np
 from jax.extend.core import ClosedJaxpr, Jaxpr, Literal
 
+from ._elementwise import is_elementwise
+from ._not_scalar import NotScalar
 from ._rows import matrices, rows_over
 
 # XLA recurses along chains of dependent operations, and LLVM does not vectorise loops of twice this size.
@@ -18,7 +20,7 @@ _INLINED = {"jit": "jaxpr", "pjit": "jaxpr", "custom_jvp_call": "call_jaxpr", "c
 ELEMENTWISE = frozenset(
     "abs acos acosh add add_any and asin asinh atan atan2 atanh cbrt ceil clamp convert_element_type cos cosh div eq "  # noqa: SIM905
     "erf exp exp2 expm1 floor ge gt integer_pow is_finite le log log1p logistic lt max min mul ne neg not "
-    "one_minus_square or pow rem round rsqrt select_n sign sin sinh sqrt square sub tan tanh xor".split()
+    "or pow rem round rsqrt select_n sign sin sinh sqrt square sub tan tanh xor".split()
 )
 REDUCTIONS = {
     "reduce_sum": jax.lax.add_p,
@@ -32,15 +34,6 @@ _KNOWN: dict[str, Callable] = {
     **{"and": np.bitwise_and, "or": np.bitwise_or, "not": np.invert},
 }
 Number = np.generic
-
-
-class NotScalar(Exception):
-    """A function that is not worth taking apart into scalars, or cannot be; the message says why, `within` of which
-    equations, from inside out."""
-
-    def __init__(self, reason: str):
-        super().__init__(reason)
-        self.within: list[Any] = []
 
 
 class Operation(NamedTuple):
@@ -219,10 +212,6 @@ class Builder:
             return [self._dot(parameters, operands[0], operands[1], dtype)]
         if name in REDUCTIONS:
             return [self._reduced(name, parameters["axes"], operands[0], shape, dtype)]
-        if name == "one_minus_square":  # of the slopes of tanh, from jax 0.12 on
-            square = self._each(jax.lax.mul_p, (), [operands[0]] * 2, shape, dtype)
-            one = self.numbers(np.ones(shape, dtype))
-            return [self._each(jax.lax.sub_p, (), [one, square], shape, dtype)]
         if name in ELEMENTWISE:
             fixed = tuple(sorted(parameters.items(), key=operator.itemgetter(0)))
             if name == "convert_element_type":
@@ -230,7 +219,14 @@ class Builder:
                     return [operands[0]]
                 fixed = (("new_dtype", parameters["new_dtype"]), ("sharding", None), ("weak_type", False))
             return [self._each(equation.primitive, fixed, operands, shape, dtype)]
+        if is_elementwise(equation):
+            return self._unknown(equation, operands)
         raise NotScalar(f"holds `{name}`")
+
+    def _unknown(self, equation, operands: list[np.ndarray]) -> list[np.ndarray]:
+        """An elementwise operation that is not named here."""
+        fixed, result = tuple(sorted(equation.params.items())), equation.outvars[0].aval
+        return [self._each(equation.primitive, fixed, operands, result.shape, result.dtype)]
 
     def _each(self, primitive, parameters, operands, shape, dtype) -> np.ndarray:
         flat = [np.broadcast_to(x, shape).reshape(-1) for x in operands]
@@ -329,7 +325,7 @@ class _Coordinate(Builder):
         name, shape = equation.primitive.name, self.thin(equation.outvars[0].aval.shape)
         if name == "broadcast_in_dim":
             return [np.broadcast_to(operands[0], shape)]
-        if name not in ELEMENTWISE | _AS_IT_IS and name not in _INLINED:
+        if not (name in ELEMENTWISE | _AS_IT_IS or name in _INLINED or is_elementwise(equation)):
             raise NotScalar(f"holds `{name}`")
         return super()._equation(equation, operands)
 
@@ -376,6 +372,7 @@ MOVES: dict[str, Callable[..., list[np.ndarray]]] = {
     "squeeze": lambda p, x: [x.squeeze(p["dimensions"])],
     "stack": lambda p, *arrays: [np.stack(arrays, axis=p["axis"])],
     "transpose": lambda p, x: [x.transpose(p["permutation"])],
+    "unstack": lambda p, x: [row[k, ...] for row in [np.moveaxis(x, p["axis"], 0)] for k in range(len(row))],
 }
 
 

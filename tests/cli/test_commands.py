@@ -22,7 +22,7 @@ from jaxrmp.cli._overrides import parse_overrides
 from jaxrmp.cli._reproduce import result_dict
 from jaxrmp.learning import Reproduction, load_demonstrations, load_skill, save_demonstrations
 from jaxrmp.leaves import Attractor, Damping, JointLimit
-from jaxrmp.reports._page import records
+from jaxrmp.reports._page import records, settings, video
 from jaxrmp.simulation import rollout
 
 CONFIG = str(Path(__file__).parents[2] / "configs" / "drawer_closing.toml")
@@ -160,6 +160,17 @@ def test_columns_that_say_nothing_are_left_out_of_tables():
     ]
     page = records(rows, {"trial": lambda r: r[0], "empty": lambda r: "", "why": lambda r: r[3]})
     assert "<th>why</th>" in page and "empty" not in page and page.count("<td>") == 4
+
+
+def test_settings_are_told_in_words_and_a_video_is_in_the_page(tmp_path):
+    said = {
+        "configuration": {"policy": {"damping_rate": 40.0, "tempo": None}, "subtasks": [{"frame": "hand"}], "on": True}
+    }
+    page = settings(said, ("configuration", "versions"))
+    cells = re.findall("<td>(.*?)</td>", page)
+    assert cells == ["policy: damping rate", "40", "subtasks 1: frame", "hand", "on", "yes"]
+    (tmp_path / "run.mp4").write_bytes(b"film")
+    assert 'src="data:video/mp4;base64,ZmlsbQ=="' in video(tmp_path / "run.mp4", "A film.")
 
 
 def test_a_synthetic_source_can_be_named(learned, capsys):

@@ -3,6 +3,7 @@
 import ast
 import os
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -67,3 +68,13 @@ def test_nothing_is_fetched(site):
         fetched = re.findall(r'<(?:script|img|iframe)[^>]*\ssrc="(https?://[^"]+)', text)
         fetched += re.findall(r'<link[^>]*rel="(?:stylesheet|preconnect)"[^>]*href="(https?://[^"]+)', text)
         assert [url for url in fetched if "colab-badge" not in url] == [], page.name
+
+
+def test_the_search_field_is_not_offered_where_a_browser_lets_it_find_nothing(site):
+    chromium = shutil.which("chromium")
+    if chromium is None:
+        pytest.skip("needs chromium")
+    page = (site / "index.html").resolve().as_uri()
+    command = [chromium, "--headless", "--no-sandbox", "--disable-gpu", "--dump-dom", page]
+    shown = subprocess.run(command, capture_output=True, text=True, check=True, timeout=120).stdout
+    assert re.search(r"<html[^>]*from-folder", shown) and ".from-folder .md-search" in shown

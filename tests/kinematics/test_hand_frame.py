@@ -27,6 +27,10 @@ HANDS = {
         '<body name="hand_tcp" pos="0 0 .1"/></body>',
         "hand_tcp",
     ),
+    "a gripper with parts of its own": (
+        '<body name="gripper_base"><body name="gripper_motor_double"><body name="gripper_inner_single"/></body></body>',
+        "gripper_base",
+    ),
     "a jaw": (f'<body name="gripper">{finger("moving", "jaw")}</body>', "gripper"),
     "fingers by their number": (
         '<body name="mount"><body name="base">'
@@ -41,6 +45,12 @@ HANDS = {
 def test_hands(what):
     hand, expected = HANDS[what]
     assert hand_frame(arm(hand)) == expected
+
+
+def test_a_finger_alone_is_an_arm():
+    links = "".join(f'<body name="l{i}"><joint name="finger_{i}" axis="0 1 0"/>' for i in range(3))
+    robot = load_robot_from_string(f"<mujoco><worldbody>{links}{'</body>' * 3}</worldbody></mujoco>")
+    assert hand_frame(robot) == "l2" and idle_joints(robot) == ()
 
 
 def test_joints_that_move_no_hand():

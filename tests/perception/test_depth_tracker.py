@@ -145,5 +145,5 @@ def test_a_scene_without_an_object_has_nothing_to_look_for():
     alone = scenes.arm_alone()
     from jaxrmp.cli._camera import scene_camera
 
-    with pytest.raises(ConfigurationError, match="has no object to look for"), scene_camera(None, None, alone, None):
+    with pytest.raises(ConfigurationError, match="has no object to look for"), scene_camera(None, alone, None, None):
         pass

@@ -70,6 +70,15 @@ def test_synthetic_demonstrations_fit_the_furniture(name):
             assert -0.015 < gap < 0.015
 
 
+def test_with_nothing_to_keep_off_no_clearance_is_claimed():
+    alone = scenes.arm_alone()
+    assert not alone.keeps_off and alone.clearance(alone.data(HOME)) == np.inf
+    from jaxrmp.cli._run import clearance_in_words
+
+    assert clearance_in_words({"min_clearance_m": np.inf}) == "not checked"
+    assert clearance_in_words({"min_clearance_m": 0.0123}) == "12.3"
+
+
 def test_clearance_is_the_least_distance(scene):
     data = scene.data(HOME)
     found = scene.clearance(data)

@@ -87,23 +87,23 @@ def test_the_hand_goes_where_its_goal_is_dragged_and_the_arm_keeps_off_the_ball(
         T = np.stack([page.nodes[f"/arm/{name}"] for name in spheres.frames])
         at = np.einsum("kij,kj->ki", T[:, :3, :3], np.asarray(spheres.offsets)) + T[:, :3, 3]
         return float(
-            (np.linalg.norm(at - page.nodes["/solid_ball_1"][:3, 3], axis=1) - np.asarray(spheres.radii) - 0.06).min()
+            (np.linalg.norm(at - page.nodes["/solid_1"][:3, 3], axis=1) - np.asarray(spheres.radii) - 0.06).min()
         )
 
     ball[:3, 3] += [0.0, -0.25, 0.0]
-    page.drag("/ball_1", ball)
-    page.wait(lambda: np.allclose(page.nodes["/solid_ball_1"][:3, 3], ball[:3, 3], atol=1e-3), "the ball there")
+    page.drag("/obstacle_1", ball)
+    page.wait(lambda: np.allclose(page.nodes["/solid_1"][:3, 3], ball[:3, 3], atol=1e-3), "the ball there")
     near = []
     page.on_frame = lambda: near.append(distance())
     for _ in range(20):  # 20 cm towards the hand, slowly
         ball[1, 3] += 0.01
-        page.drag("/ball_1", ball)
+        page.drag("/obstacle_1", ball)
         page.page.wait_for_timeout(100)
     page.wait(lambda: missed() > 0.01, "the hand to give way")
     assert min(near) > 0
     page.on_frame = lambda: None
     ball[0, 3] = np.nan
-    page.drag("/ball_1", ball)
-    page.page.get_by_text("1 obstacle not finite, ignored").wait_for()
+    page.drag("/obstacle_1", ball)
+    page.page.get_by_text("1 obstacle not finite, ignored").first.wait_for()
     page.wait(lambda: missed() < 0.004, "the hand to come back", 60)
     assert page.errors == []

@@ -17,9 +17,13 @@ from jaxrmp.inspection import inspect
 from jaxrmp.kinematics import panda
 from jaxrmp.learning import load_demonstrations
 from jaxrmp.leaves import Attractor, Damping, Posture
+from jaxrmp.viewer._claims import avoidance_words, banners, energy_words
+from jaxrmp.viewer._gain_file import save_gains, with_gains_of
+from jaxrmp.viewer._goal import Resting, goal_words
 from jaxrmp.viewer._inputs import gain_value, gains_of, with_gain
 from jaxrmp.viewer._live import Reading, Situation
 from jaxrmp.viewer._loop import LiveLoop
+from jaxrmp.viewer._plots import round_end
 from jaxrmp.viewer._push import Push
 from jaxrmp.viewer._real_time import Rates, RealTime
 from jaxrmp.viewer._recorder import TARGET, Recorder
@@ -237,6 +241,8 @@ def test_without_viser_the_error_says_what_to_install(monkeypatch):
         (["view", "nowhere.npz", "--frame", "x"], "a skill has its control points"),
         (["view", "--robot", "nowhere.urdf"], "nowhere.urdf"),
         (["view", "--replay", "full/meta.json", "--balls", "0"], "expected an NPZ file with time"),
+        (["view", "--host", "0.0.0.0"], "Give --password, or leave --host out"),
+        (["view", "--host", "0.0.0.0", "--password", "short"], "8 at least"),
         (["view", "--frame", "panda_hnd"], "Did you mean 'panda_hand'"),
         (["teach", "--robot", "nowhere.urdf", "--out", "x"], "nowhere.urdf"),
         (["teach", "--out", "full"], "is not empty"),
@@ -269,29 +275,144 @@ def test_the_loop_tells_the_watch_of_a_change_from_outside_and_of_no_other(monke
     assert told == [True, False, True, False]
 
 
-def test_the_hand_designed_policy_has_balls_to_drag_in_a_world_without_anything_else():
+def test_a_page_says_at_its_top_that_its_policy_avoids_nothing_and_draws_no_distance():
     pytest.importorskip("viser")
     from jaxrmp.viewer import Viewer, reach_content
 
-    viewer = Viewer(reach_content(balls=2), port=0)
+    content = reach_content(balls=1, self_collision=False)
+    viewer = Viewer(content._replace(policy=replace(content.policy, spheres=None)), port=0)
     try:
-        world = viewer.obstacles.read()
-        assert world.spheres is not None and np.asarray(world.spheres.active).tolist() == [True, False]
-        assert world.capsules is None
-        ball, start = viewer.server.scene.get_handle_by_name("/ball_1"), np.asarray(world.spheres.center)[0]
+        assert ["avoids nothing" in note.content for note in viewer.notes] == [True]
+        assert viewer._distances == () and "collision_avoidance" not in viewer.switches.names
+    finally:
+        viewer.stop()
+
+
+def sizes(world):
+    """What must not change, for nothing to be compiled again."""
+    return jax.tree.structure(world), [np.shape(leaf) for leaf in jax.tree.leaves(world)]
+
+
+def test_obstacles_are_dragged_added_and_changed_in_slots_of_a_fixed_number():
+    pytest.importorskip("viser")
+    from jaxrmp.viewer import Viewer, reach_content
+    from jaxrmp.viewer._obstacles import at_first
+
+    content = reach_content(balls=1)
+    viewer = Viewer(content, port=0)
+    try:
+        obstacles, handle = viewer.obstacles, viewer.server.scene.get_handle_by_name
+        world = obstacles.read()
+        assert sizes(world) == sizes(at_first(content.balls, content.world))
+        assert np.asarray(world.spheres.active).tolist() == [True, False, False]
+        assert not np.asarray(world.boxes.active).any() and not np.asarray(world.capsules.active).any()
+        ball, start = handle("/obstacle_1"), np.asarray(world.spheres.center)[0]
         ball.position = start + [0.3, 0.0, 0.0]  # as solid things move, not as a mouse jumps, however long a frame took
-        assert 0 < viewer.obstacles.read(0.2).spheres.center[0, 0] - start[0] < 0.01
-        np.testing.assert_allclose(viewer.obstacles.read().spheres.center[0, 0] - start[0], 0.3)  # no time passes
-        viewer.obstacles.draw(viewer.obstacles.read())
-        solid = viewer.server.scene.get_handle_by_name("/solid_ball_1")
-        np.testing.assert_allclose(solid.position, ball.position)
+        assert 0 < obstacles.read(0.2).spheres.center[0, 0] - start[0] < 0.01
+        np.testing.assert_allclose(obstacles.read().spheres.center[0, 0] - start[0], 0.3)  # no time passes
+        obstacles.draw(obstacles.read())
+        np.testing.assert_allclose(handle("/solid_1").position, ball.position)
+        assert handle("/solid_1/sphere") is not None
+        first, second = obstacles.slots[:2]
+        first.kind.value, first.length.value, ball.wxyz = "box", 0.3, (np.sqrt(0.5), 0.0, np.sqrt(0.5), 0.0)
+        obstacles.add()
+        turned = obstacles.read(0.01)  # no corner is faster than solid things, nor does it grow so
+        assert 0.15 < turned.boxes.half_extents[0, 2] < 0.16 and turned.boxes.T_world_box[0, 2, 2] > 0.99
+        changed = obstacles.read()
+        assert sizes(changed) == sizes(world)
+        assert np.asarray(changed.boxes.active).tolist() == [True, False, False]
+        assert np.asarray(changed.spheres.active).tolist() == [False, True, False]
+        np.testing.assert_allclose(changed.signed_distance(jnp.asarray(ball.position) + jnp.array([0.5, 0, 0]))[6], 0.2)
+        obstacles.draw(changed)
+        assert handle("/solid_1/sphere") is None and handle("/solid_1/box") is not None
+        first.kind.value, second.kind.value = "capsule", "off"
+        np.testing.assert_allclose(obstacles.read().capsules.start[0], ball.position - np.array([0.3, 0, 0]), atol=1e-6)
+        assert obstacles.present == 1
         poses = np.tile(np.eye(4), (len(viewer.arm.frames), 1, 1))
         viewer.arm.move(poses)
-        nodes = [viewer.server.scene.get_handle_by_name(f"/arm/{name}") for name in viewer.arm.frames[:2]]
+        nodes = [handle(f"/arm/{name}") for name in viewer.arm.frames[:2]]
         for node in nodes:
             node.position = (9.0, 9.0, 9.0)
         poses[0, 0, 3] = 0.1
         viewer.arm.move(poses)  # the page is told of what has moved
         assert [node.position[0] for node in nodes] == [0.1, 9.0]
     finally:
-        viewer.server.stop()
+        viewer.stop()
+
+
+def test_time_that_was_lost_is_told_for_five_seconds():
+    clock = RealTime(0.001, now=0.0)
+    clock.due(2.0, 1.0)
+    assert clock.rates().lost == pytest.approx(1.75)
+    for t in np.arange(2.1, 6.9, 0.1):
+        clock.due(t, 1.0)
+    assert clock.rates().lost == pytest.approx(1.75)
+    clock.due(7.1, 1.0)
+    assert clock.rates().lost == 0 and clock.lost == pytest.approx(1.75)
+
+
+def test_the_page_says_what_is_not_checked_and_never_that_all_is_well():
+    both, names = ("to obstacles", "to itself"), ("posture", "self_collision")
+    assert banners((*names, "collision_avoidance"), both, True) == []
+    assert banners(names, both[:1], True) == [
+        "The policy has no leaf collision_avoidance: nothing keeps it off the obstacles on this page. Not checked."
+    ]
+    assert banners(("posture",), (), True) == []
+    assert banners(("posture",), both, False) == [
+        "The arm has no collision spheres: it avoids nothing, and distances are not checked."
+    ]
+    assert avoidance_words(names, both, np.ones(2), {}, 0) == "to obstacles: not checked"
+    assert avoidance_words(names, ("to itself",), np.ones(2), {"self_collision.barrier": 1.0}, 0) == ""
+    assert "self_collision is switched off" in avoidance_words(names, both, np.array([1.0, 0.0]), {}, 0)
+    assert "barrier of zero" in avoidance_words(names, ("to itself",), np.ones(2), {"self_collision.barrier": 0.0}, 0)
+    assert avoidance_words(names, (), np.ones(2), {}, 2) == "2 obstacles not finite, ignored"
+    assert energy_words((), np.nan, 0).endswith("not checked yet")
+    assert energy_words(("flow",), 1.0, 0).startswith("not certified: flow")
+    assert "of collisions this says nothing" in energy_words((), 1.0, 0)
+
+
+def test_the_way_to_the_goal_is_told_in_words():
+    assert goal_words(0.0031, True, {}) == "at the goal: 3.1 mm off"
+    assert goal_words(0.123, False, {}) == "12 cm to the goal"
+    assert goal_words(0.123, True, {"to obstacles": 0.2}) == "**at rest 12 cm from the goal: out of reach from here**"
+    assert "held off**: 12 mm to obstacles" in goal_words(0.05, True, {"to obstacles": 0.012})
+    assert goal_words(0.05, True, {}, off=True).endswith("**: leaves are switched off")
+    assert goal_words(np.nan, True, {}) == "distance to the goal: not checked"
+    rest = Resting()
+    seen = [rest.see(t, np.full(2, v), False) for t, v in ((0, 0.5), (1, 0.0), (1.9, 0.0), (2.0, 0.0), (2.1, 0.3))]
+    assert seen == [False, False, False, True, False]
+
+
+def test_axes_end_at_round_numbers():
+    found = [round_end(x) for x in (0.0, 3e-5, 0.012, 0.2, 118.0, 1000.0, np.nan)]
+    np.testing.assert_allclose(found, [0.01, 0.01, 0.02, 0.2, 200.0, 1000.0, 0.01])
+
+
+def test_gains_are_saved_in_files_that_are_read_again(tmp_path, door_learning):
+    from jaxrmp._pytree import single
+    from jaxrmp.learning import load_skill
+    from jaxrmp.viewer import reach_content
+
+    policy, file = single(reach_content(self_collision=False).policy), tmp_path / "gains.toml"
+    assert "--gains" in save_gains({"hand_position.gain": 9.5, "posture.stiffness": 0.0}, file, None, False)
+    tuned = with_gains_of(policy, file)
+    assert gain_value(tuned, "hand_position.gain") == 9.5 and gain_value(tuned, "posture.stiffness") == 0
+    with pytest.raises(ConfigurationError, match="is there already"):
+        save_gains({"posture.stiffness": 1.0}, file, None, False)
+    save_gains({"posture.stiffness": 1.0}, file, None, True)
+    assert file.read_text().count("=") == 1
+    for text, message in (
+        ("hand_position = 1", "hand_position is no gain"),
+        ("[hand_position]\ngain = -1.0", "zero or more"),
+        ("[collision_avoidance]\nreach = 0", "more than zero"),
+        ("?", "cannot be read as TOML"),
+    ):
+        file.write_text(text)
+        with pytest.raises(ConfigurationError, match=message):
+            with_gains_of(policy, file)
+    with pytest.raises(ConfigurationError, match="ends in .toml, for the gains alone.$"):
+        save_gains({"posture.stiffness": 1.0}, tmp_path / "a.npz", None, False)
+    copy = tmp_path / "copy.skill.npz"
+    said = save_gains({"learned.speed": 0.31, "hand_orientation.weight": 1.0}, copy, door_learning.skill, False)
+    assert "with learned.speed in" in said and said.endswith("no place for them: hand_orientation.weight.")
+    assert gain_value(load_skill(copy), "learned.speed") == pytest.approx(0.31)

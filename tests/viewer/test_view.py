@@ -63,6 +63,7 @@ def test_the_page_loads_the_arm_moves_and_follows_the_handle(viewer, page_of, tm
     page.wait(lambda: missed(viewer) > 0.03, "the page's drag to arrive")
     page.wait(lambda: missed(viewer) < 0.01, "the hand at the moved handle", 90)
     assert np.abs(np.asarray(viewer.loop.frame.situation.T_world_target) - moved).max() < 1e-3
+    page.page.get_by_text("at the goal").first.wait_for()
     page.picture(tmp_path / "view.png")
     assert len(page.received) > 20
     assert page.errors == []
@@ -161,7 +162,7 @@ def test_the_session_outlives_its_page_and_can_be_told_to_end_with_it(viewer, pa
 
 
 def test_distances_to_the_furniture_and_of_the_arm_to_itself_are_plotted(viewer, page_of):
-    assert viewer._distances == ("to furniture", "to itself")
+    assert viewer._distances == ("to itself", "to furniture")
 
     def measured() -> bool:
         rows = list(viewer.plots._distances._rows)
@@ -193,4 +194,5 @@ def test_a_skill_without_its_demonstrations_can_still_be_shown(viewer):
     content = skill_content(replace(viewer.skill), panda(), None, balls=1)
     around = World(spheres=Spheres.of([(content.balls[0], 0.1)]))
     names = [leaf.name for leaf in content.policy.tree(content.T_world_target, around).leaves()]
-    assert names[-1] == "collision_avoidance" and viewer.leaf_labels[3:5] == ("joint damping", "joint limit")
+    assert names[-1] == "collision_avoidance" and viewer.switches.names[3:5] == ("joint_damping", "joint_limit")
+    assert len(content.hints) == 3 and content.hints[0].startswith("learned: ")  # beside learned[0], learned[1], ...

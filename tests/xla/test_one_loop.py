@@ -9,7 +9,8 @@ import pytest
 from jax import lax
 
 from jaxrmp.xla import in_lanes, one_loop, report
-from jaxrmp.xla._scalar_program import NotScalar, scalar_program
+from jaxrmp.xla._not_scalar import NotScalar
+from jaxrmp.xla._scalar_program import scalar_program
 
 STATES = 100
 RNG = np.random.default_rng(0)
@@ -44,6 +45,7 @@ ARRAYS = {
     "moves": lambda x: (x[::-1], jnp.stack([x, 2 * x], axis=1).T, jnp.concatenate([x[1:], x[:1]]), jnp.pad(x, (1, 2))),
     "sums": lambda x: (jnp.sum(jnp.outer(x, x), axis=1), jnp.max(x), jnp.min(jnp.outer(x, x), axis=0)),
     "known numbers": lambda x: (jnp.eye(4) @ x, jnp.diag(x) + jnp.zeros((4, 4)), jnp.ones(2), x * -0.0),
+    "unstacked": lambda x: (*jnp.unstack(x), *jnp.unstack(jnp.outer(x, x), axis=1)),
     "splits": lambda x: jnp.split(x, [1, 3]),
     "slopes": lambda x: (jax.jacfwd(lambda x: x * jnp.sum(x**2))(x), jax.grad(lambda x: jnp.tanh(x @ x))(x)),
     "sums of nothing": lambda x: (x[:0] @ x[:0], x[:0].reshape(2, 0) @ x[:0].reshape(0, 3)),

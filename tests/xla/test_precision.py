@@ -29,9 +29,7 @@ Q, QD = np.linspace(-0.5, 0.4, 7, dtype=np.float32), np.linspace(0.1, 0.2, 7, dt
 
 def equations(value):
     """All equations of a jaxpr, and of those in the parameters of its equations."""
-    if isinstance(value, ClosedJaxpr):
-        yield from equations(value.jaxpr)
-    elif isinstance(value, Jaxpr):
+    if isinstance(value, ClosedJaxpr | Jaxpr):
         for equation in value.eqns:
             yield equation
             yield from equations(tuple(equation.params.values()))

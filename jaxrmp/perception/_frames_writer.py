@@ -1,0 +1,98 @@
+"""Depth images written to a file as they come."""
+
+import contextlib
+import io
+import os
+import shutil
+import tempfile
+import zipfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+
+from .._errors import FramesError
+from .._files import atomic_write
+
+
+class AddFrame(Protocol):
+    """What takes one image more."""
+
+    def __call__(self, depth: Any, time: float, q: Any = None) -> None:
+        """`depth` [height, width], m, or unsigned integers; `time`, s; `q` [n], the robot's joints then."""
+        ...
+
+
+@contextlib.contextmanager
+def frames_writer(
+    path: str | os.PathLike, intrinsics: Any, *, T_world_camera: Any = None, depth_scale: float | None = None
+) -> Iterator[AddFrame]:
+    """Within it, a function `add(depth, time, q=None)` of each image; at its end the file is there, for `open_frames`.
+
+    Images wait on disk beside it, not in memory, so that a minute of them does not need 2 GB; where the block fails,
+    nothing is left.
+
+    **Arguments**: `path`, of an NPZ file; `intrinsics`, fx, fy, cx and cy, pixels; `T_world_camera` [4, 4], m, if
+    known; `depth_scale`, m for one of the images' unsigned integers, none for floats, m.
+    **Raises** `FramesError` for an image unlike the first, or a time that does not rise, or no image at all.
+    """
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    times: list[float] = []
+    joints: list[np.ndarray] = []
+    kind: list[tuple[tuple[int, ...], np.dtype]] = []
+    with tempfile.TemporaryFile(dir=path.parent) as images:
+
+        def add(depth: Any, time: float, q: Any = None) -> None:
+            depth = np.asarray(depth)
+            depth = depth.astype(np.float32) if depth.dtype.kind == "f" else depth
+            if not kind:
+                if depth.ndim != 2 or depth.dtype.kind not in "fu" or not depth.size:
+                    raise FramesError(
+                        f"an image of shape {depth.shape} and type {depth.dtype}, expected [height, width] of floats, "
+                        "m, or unsigned integers."
+                    )
+                if (depth_scale is None) != (depth.dtype.kind == "f"):
+                    raise FramesError(
+                        f"an image of type {depth.dtype} and a depth_scale of {depth_scale}: give one for integers, m "
+                        "for one of them, and none for floats."
+                    )
+                kind.append((depth.shape, depth.dtype))
+            if (depth.shape, depth.dtype) != kind[0]:
+                raise FramesError(f"an image of {depth.shape} {depth.dtype} after those of {kind[0][0]} {kind[0][1]}.")
+            if not np.isfinite(time) or (times and not time > times[-1]):
+                raise FramesError(f"image {len(times)} is of {time} s, after {times[-1] if times else 'none'}.")
+            if bool(joints) != (q is not None) and times:
+                raise FramesError("q is given of some images and not of others: give it of all, or of none.")
+            if q is not None:
+                q = np.array(q, float)
+                if not np.isfinite(q).all() or q.ndim != 1 or (joints and q.shape != joints[0].shape):
+                    raise FramesError(f"q of image {len(times)} is {q}, expected as many finite numbers as before.")
+                joints.append(q)
+            times.append(float(time))
+            images.write(np.ascontiguousarray(depth).tobytes())
+
+        yield add
+        if not times:
+            raise FramesError(f"{path}: no image was added.")
+        arrays: dict[str, Any] = {"intrinsics": np.asarray(intrinsics, float), "time": np.array(times)}
+        arrays |= {} if depth_scale is None else {"depth_scale": np.array(depth_scale)}
+        arrays |= {} if T_world_camera is None else {"T_world_camera": np.asarray(T_world_camera, float)}
+        arrays |= {"q": np.stack(joints)} if joints else {}
+        images.seek(0)
+        with atomic_write(path) as file, zipfile.ZipFile(file, "w") as archive:
+            for name, value in arrays.items():
+                content = io.BytesIO()
+                np.lib.format.write_array(content, value, allow_pickle=False)
+                archive.writestr(f"{name}.npy", content.getvalue())
+            with archive.open("depth.npy", "w", force_zip64=True) as member:
+                np.lib.format.write_array_header_1_0(
+                    member,
+                    {
+                        "descr": np.lib.format.dtype_to_descr(kind[0][1]),
+                        "fortran_order": False,
+                        "shape": (len(times), *kind[0][0]),
+                    },
+                )
+                shutil.copyfileobj(images, member, 1 << 22)
