@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from jaxrmp._pytree import single
 from jaxrmp.environments import ResidualEnvironment
 from jaxrmp.kinematics import load_robot_from_string
 from jaxrmp.policies import reaching_policy
@@ -30,6 +31,5 @@ def environment():
     goal = np.eye(4, dtype=np.float32)
     goal[:2, 3] = 0.5, 0.35
     ball = World(spheres=Spheres.of([((0.62, 0.05, 0.0), 0.1)], capacity=2))
-    return ResidualEnvironment(
-        policy, START, goal, ball, np.full(3, 20.0), np.full(3, 60.0), spread=0.1, target_spread=0.02, length=20
-    )
+    limits = np.full(3, 20.0), np.full(3, 60.0)
+    return single(ResidualEnvironment(policy, START, goal, ball, *limits, spread=0.1, target_spread=0.02, length=20))
