@@ -74,7 +74,7 @@ class DepthFrames:
 
 
 def open_frames(path: str | os.PathLike) -> DepthFrames:
-    """The depth images of an NPZ file, which are read as they are asked for.
+    """The depth images of the NPZ file at `path`, which are read as they are asked for.
 
     It holds `depth` [T, height, width], along the camera's axis: floats in m, or unsigned integers times `depth_scale`,
     m; not positive or not finite where nothing was measured. `intrinsics` [4], fx, fy, cx and cy, pixels, of pictures

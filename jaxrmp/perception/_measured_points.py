@@ -13,7 +13,9 @@ from ._object_model import ObjectModel
 from ._settings import ObjectTrackerSettings
 from ._track import Estimate
 
-OTHER, OBJECT, ROBOT = 0, 1, 2
+OTHER = 0
+OBJECT = 1
+ROBOT = 2
 """Whose a point is: neither's, the object's, the robot's."""
 
 

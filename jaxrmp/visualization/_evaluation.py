@@ -91,9 +91,11 @@ def _worst_figure(evaluation: Evaluation) -> Figure:
         (clearance, track.clearance, "smallest clearance, m"),
         (margin, track.margin, "smallest distance to a limit, rad"),
     ):
-        values = values[np.isfinite(values)]
+        values = np.asarray(values[np.isfinite(values)], float)
         if len(values):
-            axes.hist(values, bins=60, color=BLUE)
+            middle = (values.max() + values.min()) / 2
+            half = max(np.ptp(values), 1e-3 * max(abs(middle), 1e-3)) / 2  # those that differ by rounding are one
+            axes.hist(values, bins=60, range=(middle - half, middle + half), color=BLUE)
         axes.set_yscale("symlog")
         label_axes(axes, name, "rollouts")
     return figure

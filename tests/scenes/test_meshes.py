@@ -80,10 +80,13 @@ def test_looks_change_no_physics(checkout, place, monkeypatch):
     assert (dressed.geom_rgba[[dressed.geom(plain.geom(int(g)).name).id for g in place.arm_geoms], 3] == 0).all()
 
 
-def test_without_meshes_the_scene_is_drawn_as_it_is(place, monkeypatch, tmp_path):
+def test_without_meshes_the_scene_is_drawn_with_a_floor_and_light_alone(place, monkeypatch, tmp_path):
     monkeypatch.setenv("MENAGERIE_ROOT", str(tmp_path))
     assert panda_meshes() is None
-    assert picture_model(place) is place.model
+    model, own = picture_model(place), place.model
+    assert model.nmesh == own.nmesh and model.nq == own.nq and model.ngeom == own.ngeom
+    assert model.nlight > own.nlight and model.ntex > own.ntex
+    np.testing.assert_array_equal(model.geom_rgba[1:], own.geom_rgba[1:])  # all but the floor's
 
 
 def test_another_robot_is_refused(place, tmp_path):
