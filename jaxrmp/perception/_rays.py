@@ -4,7 +4,6 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 
 from .._linalg import matmul
 from ..kinematics._motion import move
@@ -29,38 +28,23 @@ def pixels_of_object(
     t: jax.Array,
     q: jax.Array,
     frame: jax.Array,
-    spread: float = 0.0,
-    key: jax.Array | None = None,
-    count: int = 0,
+    share: float = 1.0,
 ) -> tuple[jax.Array, jax.Array]:
     """The pixels [N, 2] where the object's `look` would be seen with its base at `R`, `t` and joints at `q`, the set
-    for this `frame`; and whether they are in the picture [N]."""
+    for this `frame`, or a `share` of these; and whether they are in the picture [N]."""
     (motions, _), found = move(model.robot.model, model.links, q), []
     for k, look in zip(model.links, model.look, strict=True):
         motion = motions[k]
-        local = jnp.asarray(look, t.dtype)[frame % len(look)]
+        few = max(round(share * look.shape[1]), 1)
+        local = jnp.asarray(look[:, :few], t.dtype)[frame % len(look)]
         rotation = jnp.stack([jnp.asarray(r, t.dtype) for r in motion.rotation]).reshape(3, 3)
         place = jnp.stack([jnp.asarray(x, t.dtype) for x in motion.position])
         found.append(matmul(local, rotation.T) + place)
     T = jnp.asarray(camera.T_world_camera, t.dtype)
     p = jnp.concatenate(found)
-    if key is not None:
-        one, other = jax.random.split(key)
-        p = p[jax.random.randint(one, (count,), 0, len(p))] + spread * jax.random.normal(other, (count, 3), p.dtype)
     p_world = matmul(p, R.T) + t
     uv, seen = camera.pixel(matmul(p_world - T[:3, 3], T[:3, :3]))
     return jnp.where(seen[:, None], jnp.round(uv), 0).astype(jnp.int32), seen
-
-
-def pixels_of_picture(camera: Camera, count: int, key: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """About `count` pixels [N, 2], one in each cell of a grid over the picture, anywhere in it."""
-    columns = max(round(float(np.sqrt(count * camera.width / camera.height))), 1)
-    rows = max(count // columns, 1)
-    cells = np.stack(np.meshgrid(np.arange(columns), np.arange(rows), indexing="xy"), axis=-1).reshape(-1, 2)
-    size = np.array([camera.width / columns, camera.height / rows])
-    place = (cells + jax.random.uniform(key, cells.shape)) * size
-    uv = jnp.clip(jnp.floor(place), 0, np.array([camera.width, camera.height]) - 1).astype(jnp.int32)
-    return uv, jnp.ones(len(cells), bool)
 
 
 def rays_at(

@@ -22,9 +22,10 @@ class ObjectTrackerSettings:
     through it by more than `through`, m, are `contradicted` of both together, at most.
 
     Finding: `guesses` a frame: where it was last seen, the best guess of the frame before, and others that are
-    `spread`, m and rad, round these two, their joints anywhere in their ranges; `search_points`, pixels looked at;
-    `search_gates`, as above; `confirm`, images in a row in which it must be seen, before guesses are no longer compared
-    with it; `better`, by how much one must be to be preferred, in roots of points; `seed`, of all chance.
+    `spread`, m and rad, round these two, their joints anywhere in their ranges; `search_points`, pixels looked at for
+    each, at most as many as to follow it; `search_gates`, as above; `confirm`, images in a row in which it must be
+    seen, before guesses are no longer compared with it; `better`, by how much one must be to be preferred, in roots of
+    points; `seed`, of all chance.
 
     **Raises** `ConfigurationError` for a value that makes no sense.
     """
@@ -41,9 +42,9 @@ class ObjectTrackerSettings:
     enough: Positive[float] = 0.05
     contradicted: Positive[float] = 0.1
     through: Positive[float] = 0.02
-    guesses: Positive[int] = 4
+    guesses: Positive[int] = 7
     spread: Positive[tuple[float, float]] = (0.05, 0.25)
-    search_points: Positive[int] = 800
+    search_points: Positive[int] = 400
     search_gates: NonNegative[tuple[float, ...]] = (0.12, 0.08, 0.05, 0.03)
     confirm: Positive[int] = 6
     better: NonNegative[float] = 1.0

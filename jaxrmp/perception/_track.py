@@ -15,7 +15,7 @@ from ._camera import Camera
 from ._evidence import Evidence, evidence
 from ._noise import KINECT, DepthNoise
 from ._object_model import ObjectModel
-from ._rays import Rays, pixels_of_object, pixels_of_picture, rays_at
+from ._rays import Rays, pixels_of_object, rays_at
 from ._settings import ObjectTrackerSettings
 
 
@@ -35,7 +35,8 @@ class Estimate(NamedTuple):
     q and of qd; `lost`, whether the last image did not show it; `seen`, in how many images in a row it was; `frame`,
     how many there were; `fits`, `through` [L], the points that belong to each link, and the rays that go through
     it, over how many pixels were looked at for it; `rms`, m, of the distances that fit; `guess`, where it might be,
-    while it is looked for.
+    while it is looked for; `sure`, where it was when last seen in `confirm` images in a row, at first where it was said
+    to be: what is seen for a moment only, in the wrong place, does not lead the search away.
     While it is lost, the pose stays where it was seen last.
     """
 
@@ -50,6 +51,7 @@ class Estimate(NamedTuple):
     through: jax.Array
     rms: jax.Array
     guess: Place
+    sure: Place
 
 
 def start_estimate(model: ObjectModel, settings: ObjectTrackerSettings, T_world_object: Any, q: Any) -> Estimate:
@@ -70,7 +72,7 @@ def start_estimate(model: ObjectModel, settings: ObjectTrackerSettings, T_world_
     zero, none = jnp.zeros((), dtype), jnp.zeros((), jnp.int32)
     q = jnp.asarray(q, dtype)
     guess = Place(T[:3, :3], T[:3, 3], q)
-    return Estimate(T, q, jnp.zeros(n, dtype), P, jnp.array(True), none, none, shares, shares, zero, guess)
+    return Estimate(T, q, jnp.zeros(n, dtype), P, jnp.array(True), none, none, shares, shares, zero, guess, guess)
 
 
 def track(
@@ -112,7 +114,9 @@ def track(
     followed = last._replace(q=_within(model, last.q + dt * estimate.qd)), estimate.qd, P
 
     def found(_: None) -> tuple[Place, jax.Array, jax.Array, Place]:
-        place, better = _search(model, settings, followed[0], estimate.guess, look, weigh, camera, estimate.frame)
+        first = jax.tree.map(lambda a, b: jnp.where(estimate.lost, a, b), estimate.sure, followed[0])
+        others = estimate.guess, estimate.sure
+        place, better = _search(model, settings, first, *others, look, weigh, camera, estimate.frame)
         wide = jnp.asarray([0.02] * 3 + [0.1] * 3 + [0.2] * n + [1.0] * n, dtype)
         elsewhere = place, jnp.zeros(n, dtype), jnp.diag(wide * wide)
         return *jax.tree.map(lambda a, b: jnp.where(estimate.lost | better, a, b), elsewhere, followed), place
@@ -142,61 +146,77 @@ def track(
     lost = lost | ~jnp.isfinite(moved).all()
     T = jnp.asarray(jnp.eye(4), dtype).at[:3, :3].set(_orthonormal(place.R)).at[:3, 3].set(place.t)
     wide = jnp.diag(_wide(settings, n, dtype))
+    count = jnp.where(lost, 0, estimate.seen + 1)
+    sure = jax.tree.map(lambda a, b: jnp.where(count < settings.confirm, a, b), estimate.sure, place)
     return Estimate(
         jnp.where(lost, estimate.T_world_object, T),
         jnp.where(lost, estimate.q, place.q),
         jnp.where(lost, 0, qd + moved[m:]),
         jnp.where(lost, wide, covariance),
         lost,
-        jnp.where(lost, 0, estimate.seen + 1),
+        count,
         estimate.frame + 1,
         fits,
         through,
         seen.rms,
         guess,
+        sure,
     )
 
 
 def _search(
-    model, settings, last: Place, guess: Place, look, weigh, camera: Camera, frame: jax.Array
+    model, settings, last: Place, guess: Place, around: Place, look, weigh, camera: Camera, frame: jax.Array
 ) -> tuple[Place, jax.Array]:
     """The best of some guesses, each improved, and whether it is clearly better than the first, which is `last`.
 
-    The first is where it was `last`, the second the best one of the image before, the others round these two in turn.
-    They look at the same pixels: a third of them from all the picture, the others round where the object was last.
+    The second is the best `guess` of the image before, the others lie round that and `around` in turn; what is far
+    from `around` is less likely. Each looks at the pixels where it would be seen itself: pixels beside it, of a floor
+    close below say, would pull it away.
     """
     dtype, n, R = last.t.dtype, model.num_joints, settings.guesses
     key = jax.random.fold_in(jax.random.key(settings.seed), frame)
-    for_pixels, for_spread, for_base, for_joints = jax.random.split(key, 4)
-    whole = pixels_of_picture(camera, settings.search_points // 3, for_pixels)
-    count = settings.search_points - len(whole[0])
-    near = pixels_of_object(model, camera, *last, frame, settings.spread[0], for_spread, count)
-    rays = look(*jax.tree.map(lambda a, b: jnp.concatenate([a, b]), whole, near))
+    for_base, for_joints = jax.random.split(key)
+    share = min(settings.search_points / sum(look.shape[1] for look in model.look), 1.0)
     spread = jnp.asarray([settings.spread[0]] * 3 + [settings.spread[1]] * 3, dtype)
     change = spread * jax.random.normal(for_base, (R, 6), dtype)
     low, high = (jnp.clip(jnp.asarray(b, dtype), -np.pi, np.pi) for b in (model.robot.lower, model.robot.upper))
     drawn = low + (high - low) * jax.random.uniform(for_joints, (R, n), dtype)
-    known = (jnp.arange(R) < 2)[:, None]
-    change = jnp.where(known, 0, jnp.concatenate([change, drawn - last.q], axis=1))
-    from_guess = jnp.arange(R) % 2 == 1
-    start = jax.tree.map(lambda a, b: jnp.where(from_guess.reshape(-1, *[1] * a.ndim), a, b), guess, last)
+    which = jnp.arange(R)
+
+    def choose(*places: jax.Array) -> jax.Array:
+        return jnp.stack(places)[jnp.where(which == 0, 0, 1 + which % 2)]
+
+    start = jax.tree.map(choose, last, around, guess)
+    change = jnp.where((which < 2)[:, None], 0, jnp.concatenate([change, drawn - start.q], axis=1))
     guesses = jax.vmap(lambda p, c: _move(model, p, c))(start, change)
     damping = jnp.diag(jnp.concatenate([1 / spread**2, jnp.full(n, 4.0, dtype)]))
 
+    def seen_at(place: Place, gate: jax.Array) -> Evidence:
+        return weigh(look(*pixels_of_object(model, camera, *place, frame, share)), place, gate)
+
     def improve(place: Place) -> tuple[Place, jax.Array]:
         def step(place, gate):
-            seen = weigh(rays, place, gate)
+            seen = seen_at(place, gate)
             change = -_solve(settings.trust * seen.information + damping, settings.trust * seen.gradient)
             return _move(model, place, change), None
 
         place, _ = jax.lax.scan(step, place, jnp.asarray(settings.search_gates, dtype))
-        seen = weigh(rays, place, jnp.asarray(settings.search_gates[-1], dtype))
-        return place, jnp.sum(jnp.sqrt(seen.fits) - 2 * jnp.sqrt(seen.through))
+        seen = seen_at(place, jnp.asarray(settings.search_gates[-1], dtype))
+        score = jnp.sum(jnp.sqrt(seen.fits) - 2 * jnp.sqrt(seen.through))
+        return place, score - _far(model, settings, place, around)
 
     places, scores = jax.vmap(improve)(guesses)
     scores = jnp.where(jnp.isfinite(scores), scores, -jnp.inf)
     best = jnp.argmax(scores)
     return jax.tree.map(lambda a: a[best], places), scores[best] > scores[0] + settings.better
+
+
+def _far(model: ObjectModel, settings: ObjectTrackerSettings, place: Place, around: Place) -> jax.Array:
+    """Half the squared distance of `place` from `around`, in twice the `spread` of guesses."""
+    R, middle = place.R - around.R, jnp.asarray(model.middle, place.t.dtype)
+    away = (matmul(R, middle) + place.t - around.t) / (2 * settings.spread[0])
+    turned = R / (2**0.5 * 2 * settings.spread[1])  # the norm of a small turn's matrix is the root of two times it
+    return 0.5 * (jnp.sum(away * away) + jnp.sum(turned * turned))
 
 
 def _move(model: ObjectModel, place: Place, change: jax.Array) -> Place:

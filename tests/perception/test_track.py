@@ -10,6 +10,7 @@ from jaxrmp._rotations import pose, rotation_of_vector
 from jaxrmp.kinematics import panda
 from jaxrmp.perception import (
     KINECT,
+    Camera,
     ObjectTrackerSettings,
     depth_renderer,
     measured_depth,
@@ -84,6 +85,42 @@ def test_it_is_found_again_where_it_was_moved_to_within_half_a_second(followed, 
         position, turn, hinge, slide = errors(e, t)
         assert not e.lost
         assert position < 0.004 and turn < 0.015 and hinge < np.radians(0.7) and slide < 0.003
+
+
+def test_half_hidden_close_above_a_floor_it_is_found_within_a_few_images():
+    m, data = model_and_data()
+    T, q = T_WORLD_OBJECT.copy(), np.array([0.5, 0.1])
+    T[2, 3] = 0.24  # the floor, 4 cm below, fits the cabinet's lower edges as well as these do
+    eye = Camera.looking([-0.3, -1.1, 0.94], T[:3, 3] + [0.0, 0.05, 0.0], 320, 240)
+    model, noise, images = thing(m), np.random.default_rng(0), []
+    put(m, data, *q, T)
+    with depth_renderer(m, eye.width, eye.height) as render:
+        for _ in range(7):
+            image = measured_depth(KINECT, render(data, eye), noise)
+            image[:, 190:] = 0
+            images.append(image)
+    step = jax.jit(lambda estimate, depth: track(model, SETTINGS, estimate, depth, eye))
+    for seed in (0, 7):
+        rng = np.random.default_rng(seed)
+        way, axis = rng.normal(size=(2, 3))
+        turn = rotation_of_vector(np.radians(15) * axis / np.linalg.norm(axis))
+        guess = pose(T[:3, 3] + 0.05 * way / np.linalg.norm(way), turn @ T[:3, :3])
+        estimate = start_estimate(model, SETTINGS, guess, q + rng.choice([-1, 1], 2) * [0.25, 0.05])
+        for image in images:
+            estimate = step(estimate, image)
+        position, turn, hinge, _ = errors(estimate, (T, q))
+        assert not estimate.lost
+        assert position < 0.02 and turn < 0.05 and hinge < 0.05
+
+
+def test_a_board_before_the_camera_for_two_seconds_does_not_lead_the_search_away(followed, watched):
+    _, step, images, _ = watched
+    estimate = followed[14]
+    for _ in range(60):
+        estimate = step(estimate, np.full_like(images[0], 0.5))
+    assert estimate.lost
+    np.testing.assert_array_equal(estimate.sure.t, followed[14].sure.t)
+    assert np.linalg.norm(estimate.guess.t - estimate.sure.t) < 0.2
 
 
 def test_covariances_are_symmetric_and_positive_and_rotations_stay_rotations(followed):
