@@ -22,6 +22,7 @@ from ..perception import (
 from ._output import progress_bar, tell
 from ._poses import check_joints, pose_named, robot_named
 
+_ENOUGH = 5  # postures in which it stands still, so that no others are used
 _STILL = 0.02  # rad/s or m/s, below which a robot stands still
 
 
@@ -68,21 +69,29 @@ def _found(arguments: argparse.Namespace, frames: DepthFrames, camera: Any, prog
 
 
 def _postures(time: np.ndarray, q: np.ndarray, count: int) -> list[int]:
-    """Images of different postures in which the robot stands still: each the one farthest from those before."""
-    speed = np.zeros(len(q))
-    if len(q) > 1:
-        step = np.abs(np.diff(q, axis=0)).max(1) / np.diff(time)
-        speed[:-1], speed[1:] = step, np.maximum(speed[1:], step)
-    still = np.flatnonzero(speed < _STILL)
-    if len(still) < min(count, len(q)):
-        tell("between images the robot moves: what is not of one moment, joints and image, makes the pose wrong.")
-        still = np.arange(len(q))
-    chosen = [int(still[0])]
-    while len(chosen) < min(count, len(still)):
-        apart = np.abs(q[still, None] - q[None, chosen]).max(2).min(1)
-        if apart.max() < 1e-3 and len(chosen) > 1:
+    """Images of different postures in which the robot stands still, or of any, told, where it does in too few."""
+    speed = np.abs(np.diff(q, axis=0)).max(1) / np.diff(time)
+    still = np.flatnonzero(np.minimum(np.append(speed, np.inf), np.append(np.inf, speed)) < _STILL)
+    chosen = _apart(q, still, count)
+    if len(chosen) >= min(count, _ENOUGH):
+        return chosen
+    if len(more := _apart(q, np.arange(len(q)), count)) > len(chosen):
+        tell(
+            f"the robot stands still from one image to another in {len(chosen)} postures: others are used, too, and "
+            "where it moved, what is not of one moment, joints and image, makes the pose wrong."
+        )
+        return more
+    return chosen
+
+
+def _apart(q: np.ndarray, of: np.ndarray, count: int) -> list[int]:
+    """Some of the images `of`, whose postures differ: each the one farthest from those before."""
+    chosen = [int(k) for k in of[:1]]
+    while len(chosen) < min(count, len(of)):
+        apart = np.abs(q[of, None] - q[None, chosen]).max(2).min(1)
+        if apart.max() < 1e-3:
             break
-        chosen.append(int(still[np.argmax(apart)]))
+        chosen.append(int(of[np.argmax(apart)]))
     return sorted(chosen)
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from .._errors import ConfigurationError, NoGeometryError
 from ..learning import PreparedDemonstrations, Skill
 from ..perception import Camera, DepthTracker, ObjectModel, depth_tracker, looked_at, object_model, overhead_camera
+from ..perception._depth_tracker import check_names
 from ..scenes import Scene
 from ..simulation import TrackerSettings
 from ..world import RobotSpheres, own_spheres
@@ -68,6 +69,7 @@ def scene_camera(
     """
     check_looked_for(scene)
     model = object_model(scene.model, scene.object)
+    check_names(scene, model)
     camera = _placed(arguments, model, scene, prepared, spheres)
     with depth_tracker(scene, model, camera, spheres) as tracker:
         yield tracker

@@ -9,6 +9,9 @@ from .._errors import ConfigurationError, JaxrmpError
 from .._task_map import check_rigid
 from ..kinematics import PANDA_MODEL, Robot, load_robot
 from ..kinematics._robot_file import pose_of_numbers
+from ._output import tell
+
+_BEYOND = 0.1  # rad or m, by which a joint may be beyond its limits before that is told
 
 
 def pose_named(named: str, option: str, key: str = "T_world_camera") -> np.ndarray:
@@ -51,5 +54,13 @@ def check_joints(q: np.ndarray | None, robot: Robot, path: Path) -> np.ndarray:
         raise ConfigurationError(
             f"{path} has {q.shape[1]} joints an image, and {robot.name!r} has {robot.num_joints}: "
             f"{', '.join(robot.joint_names)}. A robot file (TOML) can lock joints: docs/guides/new_robot.md."
+        )
+    lower, upper = np.asarray(robot.lower), np.asarray(robot.upper)
+    beyond = np.flatnonzero(((q < lower - _BEYOND) | (q > upper + _BEYOND)).any(0))
+    if len(beyond):
+        j = int(beyond[0])
+        tell(
+            f"{path}: {robot.joint_names[j]} goes from {q[:, j].min():.4g} to {q[:, j].max():.4g}, and the robot's "
+            f"from {lower[j]:.4g} to {upper[j]:.4g}: joints are in rad, or m, in the order of the robot's file."
         )
     return q

@@ -25,18 +25,25 @@ def spawn(processes: int, command_line: list[str]) -> None:
         coordinator = f"127.0.0.1:{probe.getsockname()[1]}"
     command = [sys.executable, "-m", "jaxrmp", *command_line, "--coordinator", coordinator, "--process"]
     environment = {**os.environ, PARENT: str(os.getpid()), "PYTHONUNBUFFERED": "1"}
-    children, failed = list[subprocess.Popen[str]](), list[str]()
+    children, labels = list[subprocess.Popen[str]](), list[threading.Thread]()
+    failed = list[str]()
     try:
         for i in range(processes):
             child = subprocess.Popen([*command, str(i)], env=environment, stderr=subprocess.PIPE, text=True)
             children.append(child)
             assert child.stderr is not None
-            threading.Thread(target=_label, args=(f"process {i}", child.stderr), daemon=True).start()
-        while not failed and any(child.poll() is None for child in children):
+            labels.append(threading.Thread(target=_label, args=(f"process {i}", child.stderr), daemon=True))
+            labels[-1].start()
+        running = True
+        while running and not failed:
             time.sleep(0.1)
-            failed = [str(i) for i, child in enumerate(children) if child.poll()]  # the others would wait for it
+            codes = [child.poll() for child in children]
+            running = None in codes
+            failed = [str(i) for i, code in enumerate(codes) if code]  # the others would wait for it
     finally:
         _end(children)
+    for label in labels:
+        label.join(_PATIENCE)  # what they said last is said before how it ended
     if failed:
         raise RolloutError(
             f"process {' and '.join(failed)} of {processes} failed, and the others were ended; see above."

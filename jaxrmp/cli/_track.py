@@ -28,6 +28,7 @@ from ..world import own_spheres, panda_spheres
 from ._output import progress_bar, tell, write_arrays
 from ._poses import check_joints, pose_named, robot_named
 
+_SLOW = 1.0  # s from image to image, beyond which the unit of time may be another
 _MESHES = 0.005  # m, between points of the grids that stand for an object's meshes
 
 
@@ -53,8 +54,8 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
     print(f"written to {arguments.out}")
     if lost.all():
         raise ConfigurationError(
-            "the object was not found in any image: check --guess, where the camera is, and whether its shapes "
-            "are what it sees."
+            "the object was not found in any image: check --guess, where the camera is, and whether its shapes and "
+            "the ranges of its joints are those of what it sees."
         )
 
 
@@ -103,6 +104,8 @@ def _settings(frames: DepthFrames) -> ObjectTrackerSettings:
     if not len(steps):
         return ObjectTrackerSettings()
     middle = float(np.median(steps))
+    if middle > _SLOW:
+        tell(f"the images are {middle:.4g} s apart, by their time: it is in seconds.")
     if gaps := int((steps > 1.5 * middle).sum()):
         tell(f"{gaps} images came late: the tracker takes all to be {1000 * middle:.0f} ms apart.")
     return ObjectTrackerSettings(rate=1 / middle)
@@ -134,6 +137,13 @@ def _joints(named: str | None, model: ObjectModel) -> np.ndarray:
         raise ConfigurationError(f"--joints {named}: {error}. Expected numbers with commas between.") from error
     if len(q) != model.num_joints:
         raise ConfigurationError(f"--joints has {len(q)} numbers, and the object {model.num_joints} joints.")
+    lower, upper = np.asarray(model.robot.lower), np.asarray(model.robot.upper)
+    for name, value, low, high in zip(model.robot.joint_names, q, lower, upper, strict=True):
+        if not low <= value <= high:
+            raise ConfigurationError(
+                f"--joints: {name} is {value:g}, and goes from {low:.4g} to {high:.4g}, rad or m. Ranges in an MJCF "
+                "are in degrees, unless its compiler says otherwise."
+            )
     return q
 
 

@@ -144,6 +144,16 @@ class DepthTracker:
         return np.array([data.joint(name).qpos[0] for name in self.model.robot.joint_names])
 
 
+def check_names(scene: Any, model: ObjectModel) -> None:
+    """**Raises** `ConfigurationError` for joints of the `model` that have no name in the `scene`."""
+    named = {scene.model.joint(j).name for j in range(scene.model.njnt)}
+    if unnamed := sorted(set(model.robot.joint_names) - named):
+        raise ConfigurationError(
+            f"the object of scene {scene.name!r} has joints without a name ({', '.join(unnamed)}), which cannot be "
+            "compared with what is seen: name them in the scene's model."
+        )
+
+
 @contextlib.contextmanager
 def depth_tracker(
     scene: Any,
@@ -172,12 +182,7 @@ def depth_tracker(
     settings = settings or ObjectTrackerSettings()
     require_number("depth_tracker", "keep", keep, POSITIVE)
     require_number("depth_tracker", "before", before, POSITIVE)
-    named = {scene.model.joint(j).name for j in range(scene.model.njnt)}
-    if unnamed := sorted(set(model.robot.joint_names) - named):
-        raise ConfigurationError(
-            f"the object of scene {scene.name!r} has joints without a name ({', '.join(unnamed)}), which cannot be "
-            "compared with what is seen: name them in the scene's model."
-        )
+    check_names(scene, model)
 
     def step(estimate: Estimate, depth: Any, camera: Camera, q: Any) -> Estimate:
         held = robot_spheres(scene.robot, spheres, q) if spheres is not None else (jnp.zeros((0, 3)), jnp.zeros(0))

@@ -41,11 +41,13 @@ class DepthFrames:
     def depths(self) -> Iterator[np.ndarray]:
         """The images [height, width] in turn, m, in single precision, 0 where nothing was measured. One at a time is
         in memory. **Raises** `FramesError` for a damaged file, or depths that are in another unit."""
-        for k, raw in enumerate(self.raw()):
+        checked = False  # by the first image that shows anything: cameras begin with empty ones
+        for raw in self.raw():
             depth = raw.astype(np.float32) * np.float32(self.depth_scale)
             depth[~np.isfinite(depth) | (depth <= 0)] = 0
-            if k == 0:
+            if not checked and (depth > 0).any():
                 self._check_unit(depth)
+                checked = True
             yield depth
 
     def raw(self) -> Iterator[np.ndarray]:
@@ -64,12 +66,11 @@ class DepthFrames:
             raise FramesError(f"{self.path} cannot be read: {error}") from error
 
     def _check_unit(self, depth: np.ndarray) -> None:
-        seen = depth[depth > 0]
-        if len(seen) and not _NEAREST < (middle := float(np.median(seen))) < _FARTHEST:
+        if not _NEAREST < (middle := float(np.median(depth[depth > 0]))) < _FARTHEST:
             said = "give integers with their depth_scale" if self.dtype.kind == "f" else "check depth_scale"
             raise FramesError(
-                f"{self.path}: what the first image shows is {middle:.4g} m away, half of it farther. Depths are in m: "
-                f"{said}, 0.001 for millimetres."
+                f"{self.path}: what the first image with depths shows is {middle:.4g} m away, half of it farther. "
+                f"Depths are in m: {said}, 0.001 for millimetres."
             )
 
 
@@ -92,8 +93,8 @@ def open_frames(path: str | os.PathLike) -> DepthFrames:
                 shape, dtype = _header(file)
         with np.load(path, allow_pickle=False) as content:
             small = {name: np.asarray(content[name]) for name in held - {"depth"} if name in _KNOWN}
-    except FramesError:
-        raise
+    except FramesError as error:
+        raise error if str(path) in str(error) else FramesError(f"{path}: {error}") from None
     except FileNotFoundError as error:
         raise FramesError(f"{path} is not there.") from error
     except Exception as error:  # zipfile, zlib and NumPy have many kinds of errors for damaged bytes
@@ -106,7 +107,6 @@ def open_frames(path: str | os.PathLike) -> DepthFrames:
         if not np.isfinite(small[name]).all():
             raise FramesError(f"{path}: {name} holds what is not finite.")
     count = shape[0]
-    _expect(path, "intrinsics", small["intrinsics"], (4,), "fx, fy, cx, cy, pixels")
     _expect(path, "time", small["time"], (count,), "seconds of each image")
     backwards = np.flatnonzero(np.diff(small["time"]) <= 0)
     if len(backwards):
@@ -117,20 +117,24 @@ def open_frames(path: str | os.PathLike) -> DepthFrames:
     q = small.get("q")
     if q is not None and (q.ndim != 2 or len(q) != count):
         raise FramesError(f"{path}: q has shape {q.shape}, expected ({count}, n): the robot's joints at each image.")
-    T = small.get("T_world_camera")
-    fx, fy, cx, cy = small["intrinsics"].astype(float)
-    try:
-        if T is not None:
-            _expect(path, "T_world_camera", T, (4, 4), "the camera's pose, m")
-            T = check_rigid(np.asarray(T, float), "T_world_camera")
-        camera = Camera(np.array([fx, fy]), np.array([cx, cy]), T, shape[2], shape[1])
-    except FramesError:
-        raise
-    except JaxrmpError as error:
-        raise FramesError(f"{path}: {error}") from error
+    posed = "T_world_camera" in small
+    camera = camera_of(path, small["intrinsics"], small.get("T_world_camera"), shape[2], shape[1])
     scale = _scale(path, dtype, small.get("depth_scale"))
     joints = None if q is None else q.astype(float)
-    return DepthFrames(path, camera, T is not None, small["time"].astype(float), joints, scale, dtype)
+    return DepthFrames(path, camera, posed, small["time"].astype(float), joints, scale, dtype)
+
+
+def camera_of(path: Path, intrinsics: np.ndarray, T: np.ndarray | None, width: int, height: int) -> Camera:
+    """The camera of the frames at `path`. **Raises** `FramesError` for numbers that are none of a camera."""
+    _expect(path, "intrinsics", intrinsics, (4,), "fx, fy, cx, cy, pixels")
+    fx, fy, cx, cy = intrinsics.astype(float)
+    if T is not None:
+        _expect(path, "T_world_camera", T, (4, 4), "the camera's pose, m")
+    try:
+        T = None if T is None else check_rigid(np.asarray(T, float), "T_world_camera")
+        return Camera(np.array([fx, fy]), np.array([cx, cy]), T, width, height)
+    except JaxrmpError as error:
+        raise FramesError(f"{path}: {error}") from error
 
 
 _KNOWN = ("intrinsics", "time", "T_world_camera", "q", "depth_scale")

@@ -14,6 +14,7 @@ import numpy as np
 
 from .._errors import FramesError
 from .._files import atomic_write
+from ._frames import camera_of
 
 
 class AddFrame(Protocol):
@@ -35,9 +36,17 @@ def frames_writer(
 
     **Arguments**: `path`, of an NPZ file; `intrinsics`, fx, fy, cx and cy, pixels; `T_world_camera` [4, 4], m, if
     known; `depth_scale`, m for one of the images' unsigned integers, none for floats, m.
-    **Raises** `FramesError` for an image unlike the first, or a time that does not rise, or no image at all.
+    **Raises** `FramesError`, at once for intrinsics, a pose or a scale that make no sense; for an image unlike the
+    first, or a time that does not rise, or no image at all.
     """
     path = Path(path)
+    intrinsics = np.asarray(intrinsics, float)
+    pose = None if T_world_camera is None else np.asarray(T_world_camera, float)
+    if not np.isfinite(intrinsics).all():
+        raise FramesError(f"{path}: intrinsics are {intrinsics}, expected finite numbers.")
+    camera_of(path, intrinsics, pose, 1, 1)
+    if depth_scale is not None and not 0 < depth_scale < np.inf:
+        raise FramesError(f"{path}: depth_scale is {depth_scale}, expected a positive number, m.")
     path.parent.mkdir(parents=True, exist_ok=True)
     times: list[float] = []
     joints: list[np.ndarray] = []
@@ -76,9 +85,9 @@ def frames_writer(
         yield add
         if not times:
             raise FramesError(f"{path}: no image was added.")
-        arrays: dict[str, Any] = {"intrinsics": np.asarray(intrinsics, float), "time": np.array(times)}
+        arrays: dict[str, Any] = {"intrinsics": intrinsics, "time": np.array(times)}
         arrays |= {} if depth_scale is None else {"depth_scale": np.array(depth_scale)}
-        arrays |= {} if T_world_camera is None else {"T_world_camera": np.asarray(T_world_camera, float)}
+        arrays |= {} if pose is None else {"T_world_camera": pose}
         arrays |= {"q": np.stack(joints)} if joints else {}
         images.seek(0)
         with atomic_write(path) as file, zipfile.ZipFile(file, "w") as archive:

@@ -50,7 +50,11 @@ def distance_and_slope(grid: SignedDistanceGrid, p: Point) -> tuple[jax.Array, P
     origin, spacing = jnp.asarray(grid.origin, dtype), jnp.asarray(grid.spacing, dtype)
     cells = [(x - o) / spacing for x, o in zip(to_local(grid.T_world_grid, p), origin, strict=True)]
     inside = [jnp.clip(u, 0, n - 1) for u, n in zip(cells, grid.values.shape, strict=True)]
-    off = [spacing * (u - v) for u, v in zip(cells, inside, strict=True)]
+    # Exactly 0 inside: u - clip(u) is not where a compiler computes u twice, with other roundings.
+    off = [
+        spacing * (jnp.maximum(u - (n - 1), 0) + jnp.minimum(u, 0))
+        for u, n in zip(cells, grid.values.shape, strict=True)
+    ]
     beyond = jnp.sqrt(jnp.maximum(off[0] ** 2 + off[1] ** 2 + off[2] ** 2, 1e-20))
     low = [jnp.clip(jnp.floor(v), 0, n - 2) for v, n in zip(inside, grid.values.shape, strict=True)]
     s, t, r = (v - k for v, k in zip(inside, low, strict=True))

@@ -122,7 +122,10 @@ def _robot(m: Any, names: list[str], below: list[int]) -> Robot:
         for i in range(m.body_jntadr[b], m.body_jntadr[b] + m.body_jntnum[b]):
             kind: Any = kinds.get(int(m.jnt_type[i]))
             if kind is None:
-                raise RobotError(f"joint {m.joint(i).name!r} of body {names[b]!r} is neither a hinge nor a slide.")
+                raise RobotError(
+                    f"joint {m.joint(i).name or i!r} of body {names[b]!r} is neither a hinge nor a slide. A joint of "
+                    "the object's base is left out: name that body, if this is it."
+                )
             axis, anchor = tuple(m.jnt_axis[i].tolist()), tuple(m.jnt_pos[i].tolist())
             reference, place = float(m.qpos0[m.jnt_qposadr[i]]), len(joints)
             name = m.joint(i).name or f"joint_{i}"

@@ -32,6 +32,7 @@ def depth_renderer(model: Any, width: int, height: int) -> Iterator[Callable[[An
             "libosmesa6 (as root) and MUJOCO_GL=osmesa."
         ) from error
     option = mujoco.MjvOption()
+    option.sitegroup[:] = 0  # marks, not things
 
     def depth(data: Any, camera: Camera) -> np.ndarray:
         if (camera.width, camera.height) != (width, height):

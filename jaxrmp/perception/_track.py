@@ -58,11 +58,13 @@ def start_estimate(model: ObjectModel, settings: ObjectTrackerSettings, T_world_
     """An estimate before the first image, from a rough guess: within some 5 cm and 15 degrees.
 
     **Arguments**: `model`, the object; `settings`, the tracker's; `T_world_object` [4, 4], m; `q` [n], rad or m.
-    **Raises** `ShapeError`, `RigidTransformError`.
+    **Raises** `ShapeError`, `RigidTransformError`, `ConfigurationError` for `q` that are not finite.
     """
     n, links = model.num_joints, len(model.links)
     if np.shape(q) != (n,):
         raise ShapeError(f"q has shape {np.shape(q)}, expected ({n},): one for each joint of {model.robot.name!r}.")
+    if not np.isfinite(q).all():
+        raise ConfigurationError(f"q is {q}, expected finite numbers.")
     if not settings.gates or not settings.search_gates:
         raise ConfigurationError("object_tracker.gates and search_gates need an entry each: one a step.")
     dtype = jnp.result_type(float)

@@ -107,6 +107,8 @@ def test_an_object_is_followed_and_written_with_what_was_lost_marked(watched, tm
         ({"--guess": "here"}, "x,y,z,roll,pitch,yaw"),
         ({"--object": "none.xml"}, "no such file"),
         ({"--joints": "0.1"}, "object 2 joints"),
+        ({"--joints": "nan,0.1"}, "hinge is nan, and goes from"),
+        ({"--joints": "0.1,30"}, "slide is 30, and goes from"),
         ({"--out": "found.txt"}, "expected a .npz or a .csv"),
         ({"--robot": "panda"}, "has no q"),
         ({"FRAMES": "none.npz"}, "is not there"),
@@ -124,6 +126,38 @@ def test_what_does_not_fit_is_told(watched, tmp_path, capsys, change, said):
     assert main(["track", *words]) == 1
     assert said in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("images", "apart", "told"),
+    [(1, 5.0, True), (2, 5.0, False), (30, 5.0, False)],  # of each posture, s from one to the next, and a warning
+)
+def test_images_in_which_the_robot_stands_still_are_chosen_one_of_each_posture(images, apart, told, capsys):
+    from jaxrmp.cli._calibrate import _postures
+
+    q = np.repeat(posed.POSTURES, images, axis=0)
+    time = np.concatenate([k * apart + np.arange(images) / 30 for k in range(len(posed.POSTURES))])
+    chosen = _postures(time, q, 10)
+    assert [k // images for k in chosen] == list(range(len(posed.POSTURES)))
+    assert ("stands still" in capsys.readouterr().err) == told
+
+
+def test_while_it_moves_the_robot_is_left_out_and_one_posture_is_taken_once():
+    from jaxrmp.cli._calibrate import _postures
+
+    ways = [np.linspace(a, b, 30) for a, b in zip(posed.POSTURES[:-1], posed.POSTURES[1:], strict=True)]
+    rests = [np.repeat(p[None], 30, axis=0) for p in posed.POSTURES]
+    q = np.concatenate([part for pair in zip(rests, ways, strict=False) for part in pair] + rests[-1:])
+    chosen = _postures(np.arange(len(q)) / 30, q, 10)
+    assert len(chosen) == len(posed.POSTURES) and all(np.abs(posed.POSTURES - q[k]).sum(1).min() < 1e-9 for k in chosen)
+    assert _postures(np.arange(3.0), np.zeros((3, 2)), 10) == [0]
+
+
+def test_joints_in_degrees_are_told(tmp_path, capsys):
+    from jaxrmp.cli._poses import check_joints, robot_named
+
+    check_joints(np.full((1, 7), -90.0), robot_named("panda"), tmp_path)
+    assert "joints are in rad" in capsys.readouterr().err
 
 
 def test_joints_of_another_robot_and_a_camera_without_a_guess_are_told(postures, tmp_path, capsys):

@@ -95,3 +95,18 @@ def test_between_a_tenth_and_three_tenths_of_the_pixels_are_missing_and_what_is_
         DepthNoise(missing=(0.5, 0.1))
     with pytest.raises(ConfigurationError, match="least"):
         DepthNoise(least=-1.0)
+
+
+def test_marks_are_not_seen(can_draw):
+    if not can_draw:
+        pytest.skip("needs OSMesa or a display")
+    import mujoco
+
+    m = mujoco.MjModel.from_xml_string(
+        """<mujoco><worldbody><geom type="plane" size="5 5 .1"/><site pos="0 0 .3" size=".1"/></worldbody></mujoco>"""
+    )
+    data = mujoco.MjData(m)
+    mujoco.mj_forward(m, data)
+    eye = Camera.looking([0.01, 0, 2], [0, 0, 0], 64, 48)
+    with depth_renderer(m, eye.width, eye.height) as render:
+        assert abs(render(data, eye)[24, 32] - 2) < 0.01

@@ -81,6 +81,12 @@ def test_depths_that_look_like_millimetres_are_refused(tmp_path, depth, scale):
         next(open_frames(tmp_path / "f.npz").depths())
 
 
+def test_an_empty_first_image_does_not_hide_another_unit(tmp_path):
+    np.savez(tmp_path / "f.npz", **GOOD | {"depth": np.concatenate([0 * DEPTH[:1], 1000 * DEPTH[1:]])})
+    with pytest.raises(FramesError, match=r"0\.001 for millimetres"):
+        list(open_frames(tmp_path / "f.npz").depths())
+
+
 def test_files_that_are_none_or_cut_short_are_named(tmp_path):
     with pytest.raises(FramesError, match="is not there"):
         open_frames(tmp_path / "none.npz")
@@ -112,4 +118,21 @@ def test_a_writer_that_fails_leaves_nothing_and_what_does_not_fit_is_named(tmp_p
     ):
         with pytest.raises(FramesError, match=said):
             write(*images)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("intrinsics", "given", "said"),
+    [
+        (np.eye(3), {}, "intrinsics has shape"),
+        ([np.nan] * 4, {}, "expected finite"),
+        ([-1.0, 1.0, 1.0, 1.0], {}, "focal"),
+        (INTRINSICS, {"T_world_camera": np.full((4, 4), np.nan)}, "T_world_camera"),
+        (INTRINSICS, {"T_world_camera": [1.0, 2.0, 3.0, 1.0, 0.0, 0.0, 0.0]}, "T_world_camera has shape"),
+        (INTRINSICS, {"depth_scale": 0.0}, "depth_scale is 0"),
+    ],
+)
+def test_a_writer_refuses_at_once_what_could_not_be_read(tmp_path, intrinsics, given, said):
+    with pytest.raises(FramesError, match=said), frames_writer(tmp_path / "f.npz", intrinsics, **given):
+        pytest.fail("images would be taken in vain")
     assert list(tmp_path.iterdir()) == []
