@@ -51,6 +51,12 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
     again = int((lost[:-1] & ~lost[1:]).sum()) - int(lost[0] and not lost.all())
     counts = f"{len(lost)} images, {int(lost.sum())} of them lost, found again {again} times"
     print(f"{counts}, {np.median(ms):.1f} ms an image")
+    if len(seen := np.flatnonzero(~lost)):
+        fits, rms = np.median(arrays["fits"][seen], axis=0), float(np.median(arrays["rms"][seen]))
+        print(
+            f"where it was seen: of the pixels looked at for the worst link {100 * fits.min():.0f} % are on it; "
+            f"distances {1000 * rms:.1f} mm (RMS)"
+        )
     print(f"written to {arguments.out}")
     if lost.all():
         raise ConfigurationError(
@@ -79,8 +85,8 @@ def _followed(
         estimate = jax.block_until_ready(step(estimate, depth, *spheres_at(k)))
         ms.append(1000 * (time.perf_counter() - start))
         rows.append([np.asarray(x) for x in (estimate.T_world_object, estimate.q, estimate.qd, estimate.covariance)])
-        rows[-1].append(np.asarray(estimate.lost))
-    names = ("T_world_object", "q", "qd", "covariance", "lost")
+        rows[-1] += [np.asarray(estimate.lost), np.asarray(estimate.fits), np.asarray(estimate.rms)]
+    names = ("T_world_object", "q", "qd", "covariance", "lost", "fits", "rms")
     arrays: dict[str, Any] = {"time": frames.time} | dict(
         zip(names, map(np.stack, zip(*rows, strict=True)), strict=True)
     )

@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,9 @@ from ._grids import of_one_shape
 from ._surface_points import surface_points
 
 _IDENTITY = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
+
+
+_DRAWN = 3  # the first group of geometries that MuJoCo does not draw unless asked
 
 
 @pytree
@@ -64,7 +68,8 @@ def object_model(
 ) -> ObjectModel:
     """The object that is the `body` of a MuJoCo model and all below it; the body itself is the base.
 
-    What collides and what is only looks are taken alike: a camera sees both. A joint of the base itself is left out.
+    Of an MJCF what is drawn counts (groups 0 to 2; of a body without such, all), whether it collides or not. Of a URDF
+    what is only looks counts, of a link without such what collides. A joint of the base itself is left out.
 
     **Arguments**: `source`, a `mujoco.MjModel`, a `Scene.model` say, or an MJCF or URDF file; `body`, by default all
     that is in the file; `points`, how many pixels are looked at in a picture; `margin`, how far beyond the surfaces,
@@ -74,7 +79,8 @@ def object_model(
     slides, `NoGeometryError` for no shapes, or ellipsoids, planes, height fields, and, without `spacing`, meshes: give
     an object of boxes, capsules, cylinders and spheres.
     """
-    m = geometry_of_model(source) if isinstance(source, str | os.PathLike) else source
+    urdf = isinstance(source, str | os.PathLike) and Path(source).suffix == ".urdf"
+    m = geometry_of_model(source, looks=True) if isinstance(source, str | os.PathLike) else source
     names = [m.body(i).name or f"body_{i}" for i in range(m.nbody)]
     UnknownNameError.check("body", body, names)
     root = names.index(body)
@@ -83,12 +89,24 @@ def object_model(
         if int(m.body_parentid[b]) in below:
             below.append(b)
     robot = _robot(m, names, below)
-    geoms = [[g for g in range(m.ngeom) if m.geom_bodyid[g] == b and m.geom_rgba[g, 3] > 0] for b in below]
+    geoms = [looks_of(m, b) if urdf else _drawn(m, b) for b in below]
     links = [k for k, found in enumerate(geoms) if found]
     if not links:
         raise NoGeometryError(f"body {body!r} has no geometry that a camera could see.")
     shapes = [shapes_of_geoms(m, geoms[k], spacing) for k in links]
     return model_of_shapes(robot, links, shapes, points, margin, sets, seed)
+
+
+def looks_of(m: Any, body: int, looks: bool = True) -> list[int]:
+    """Geometry of a `body` that a camera sees: what is only looks, or else, without `looks`, what collides, first."""
+    geoms = [int(g) for g in np.flatnonzero(m.geom_bodyid == body) if m.geom_rgba[g, 3] > 0]
+    wanted = [g for g in geoms if bool(m.geom_contype[g] or m.geom_conaffinity[g]) != looks]
+    return wanted or geoms
+
+
+def _drawn(m: Any, body: int) -> list[int]:
+    geoms = [int(g) for g in np.flatnonzero(m.geom_bodyid == body) if m.geom_rgba[g, 3] > 0]
+    return [g for g in geoms if m.geom_group[g] < _DRAWN] or geoms
 
 
 def model_of_shapes(

@@ -1,13 +1,9 @@
 """A robot as an object that a camera sees."""
 
-from typing import Any
-
-import numpy as np
-
 from .._errors import NoGeometryError
 from ..kinematics import Robot
 from ..world import geometry_of_model
-from ._object_model import ObjectModel, model_of_shapes, shapes_of_geoms
+from ._object_model import ObjectModel, looks_of, model_of_shapes, shapes_of_geoms
 
 
 def robot_object(
@@ -32,16 +28,11 @@ def robot_object(
     """
     m = geometry_of_model(robot, looks=looks)
     bodies = {m.body(b).name: b for b in range(1, m.nbody)}
-    found = {k: _seen(m, bodies[body.name], looks) for k, body in enumerate(robot.model.bodies) if body.name in bodies}
+    known = [(k, bodies[body.name]) for k, body in enumerate(robot.model.bodies) if body.name in bodies]
+    found = {k: looks_of(m, body, looks) for k, body in known}
     links = [k for k, geoms in found.items() if geoms]
     if not links:
         raise NoGeometryError(f"the links of {robot.name!r} have no geometry that a camera could see.")
     return model_of_shapes(
         robot, links, [shapes_of_geoms(m, found[k], spacing) for k in links], points, margin, sets, seed
     )
-
-
-def _seen(m: Any, body: int, looks: bool) -> list[int]:
-    geoms = [int(g) for g in np.flatnonzero(m.geom_bodyid == body) if m.geom_rgba[g, 3] > 0]
-    wanted = [g for g in geoms if bool(m.geom_contype[g] or m.geom_conaffinity[g]) != looks]
-    return wanted or geoms

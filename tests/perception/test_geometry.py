@@ -2,6 +2,7 @@
 
 import jax
 import jax.numpy as jnp
+import mujoco
 import numpy as np
 import pytest
 
@@ -187,3 +188,15 @@ def test_a_meshs_slopes_are_the_same_compiled():
     R = jnp.asarray(R, jnp.float32)
     off = np.abs(np.asarray(jax.jit(slopes)(p, R)) - np.asarray(slopes(p, R))).max(0)
     assert np.mean(off > 0.01) < 0.01  # but for points on the borders of cells
+
+
+def test_of_an_object_what_is_drawn_counts(tmp_path):
+    boxes = '<geom type="box" size=".1 .1 .1"/><geom type="box" size=".3 .3 .3" group="3"/>'
+    text = f'<mujoco><worldbody><body name="thing">{boxes}</body></worldbody></mujoco>'
+    model = object_model(mujoco.MjModel.from_xml_string(text), "thing")
+    assert sum(world.size for world in model.shapes) == 1
+    shape = '<geometry><box size=".2 .2 {}"/></geometry>'
+    link = f"<visual>{shape.format(0.1)}</visual><collision>{shape.format(0.5)}</collision>"
+    (tmp_path / "thing.urdf").write_text(f'<robot name="thing"><link name="base">{link}</link></robot>')
+    (seen,) = object_model(tmp_path / "thing.urdf").shapes
+    np.testing.assert_allclose(np.asarray(seen.boxes.half_extents), [[0.1, 0.1, 0.05]])
