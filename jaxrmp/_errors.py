@@ -104,13 +104,11 @@ class UnsafeFileWarning(FileWarning):
 
 
 class MissingDependencyError(JaxrmpError, ImportError):
-    """An optional package is needed for this and is not installed."""
+    """An optional package is needed for this and is not installed; `remedy` says how to have it."""
 
     def __init__(self, package: str, extra: str, what: str = "this"):
-        super().__init__(
-            f"{package} is needed for {what} and is not installed: pip install 'jaxrmp[{extra}]', or, in a clone of "
-            f"jaxrmp, pip install -e '.[{extra}]'."
-        )
+        self.remedy = f"pip install 'jaxrmp[{extra}]', or, in a clone of jaxrmp, pip install -e '.[{extra}]'."
+        super().__init__(f"{package} is needed for {what} and is not installed: {self.remedy}")
         self.package, self.extra = package, extra
 
 

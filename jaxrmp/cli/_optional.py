@@ -28,6 +28,6 @@ def can_draw(what: str = "pictures") -> bool:
     try:
         require("plots")
     except MissingDependencyError as error:
-        tell(f"without {what}, for {error.package} is not installed: pip install 'jaxrmp[{error.extra}]'.")
+        tell(f"without {what}, for {error.package} is not installed: {error.remedy}")
         return False
     return True

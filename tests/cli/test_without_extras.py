@@ -10,7 +10,8 @@ from ..conftest import CONFIGS, base_of, environment
 
 HIDDEN = ("PYTHONPATH", "PYTHONHOME", "VIRTUAL_ENV")
 LEAST = ["--method", "paper", "--metric.updates=10", "--potential.widths=[0.05]", "--potential.basin_starts=10"]
-LEFT_OUT = "jaxrmp: without pictures, for matplotlib is not installed: pip install 'jaxrmp[plots]'."
+REMEDY = "pip install 'jaxrmp[{0}]', or, in a clone of jaxrmp, pip install -e '.[{0}]'."
+LEFT_OUT = f"jaxrmp: without pictures, for matplotlib is not installed: {REMEDY.format('plots')}"
 
 
 def said(python: Path, *words) -> tuple[int, str, str]:
@@ -63,7 +64,7 @@ def test_what_is_asked_for_is_needed_before_the_skill_is_read(python, words, pac
     code, results, told = said(python, *words)
     lines = [line for line in told.splitlines() if line.startswith("jaxrmp: ")]
     assert code == 1 and results == ""
-    assert lines == [f"jaxrmp: {package} is needed for this and is not installed: pip install 'jaxrmp[{extra}]'."]
+    assert lines == [f"jaxrmp: {package} is needed for this and is not installed: {REMEDY.format(extra)}"]
 
 
 def test_learning_asks_for_its_packages_before_it_reads_anything(bare_python):
