@@ -98,7 +98,7 @@ def test_what_was_learned_is_a_page_that_needs_nothing_else(learned):
     assert f"The robot and itself: {report['self_clearance']['text']}." in page
     mean = report["reproduction"]["mean"]
     assert f"<td>mean</td><td>{mean['dtw_cm']:.2f}</td>" in page
-    assert "<td>metric.updates</td><td>100</td>" in page
+    assert "<td>metric: updates</td><td>100</td>" in page
     assert "Not validated: <code>jaxrmp learn --validate</code>" in page
     assert all(f"The learned field: {name}" in page for name in ("gripper", "left fingertip", "right fingertip"))
 

@@ -32,6 +32,7 @@ from jaxrmp.leaves import (
     StretchedAttractor,
     lula,
 )
+from jaxrmp.policies import upright
 from jaxrmp.policies._detour import _Ahead, _Point
 from jaxrmp.simulation import Held
 from jaxrmp.viewer._push import Push
@@ -69,7 +70,7 @@ LEAVES = {
     CollisionAvoidance: (CollisionAvoidance(reach=2.0, frequency=20.0), (3,)),
     Damping: (Damping(), (3,)),
     Detour: (Detour(2.0, reach=2.0, taper=0.5), (5,)),
-    DirectionAttractor: (DirectionAttractor(np.ones(3)), (3,)),
+    DirectionAttractor: (upright(ROBOT, "panda_link3"), (7,)),
     Formation: (Formation(), (3,)),
     Funnel: (Funnel(RNG.normal(size=(5, 3)), within=0.1, inner=0.2, outer=3.0), (3,)),
     Held: (Held(jaxrmp.NaturalForm(np.ones(3), np.eye(3))), (3,)),
