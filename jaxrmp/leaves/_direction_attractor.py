@@ -7,9 +7,10 @@ from jax.core import Tracer
 
 from .._errors import ConfigurationError, ShapeError
 from .._gds import GeometricDynamicalSystem
-from .._linalg import length, matmul
+from .._linalg import length
 from .._pytree import pytree, set_field, static
 from .._ranges import NonNegative, Positive
+from ._rounded_well import rounded_well
 
 
 @pytree
@@ -62,9 +63,7 @@ class DirectionAttractor(GeometricDynamicalSystem):
 
     def potential(self, x):
         offset = x - self._goal(x)
-        u = matmul(offset, offset) / 4
-        well = u / (1 + jnp.sqrt(1 - (1 - self.rounding) * u))
-        return (4 * self.weight * self.stiffness * well).astype(x.dtype)
+        return (4 * self.weight * self.stiffness * rounded_well(offset, 4, self.rounding)).astype(x.dtype)
 
     def damping(self, x, xd):
         return (self.damping_rate * self.metric(x, xd)).astype(x.dtype)

@@ -7,11 +7,12 @@ from jax.core import Tracer
 
 from .._errors import ShapeError
 from .._gds import GeometricDynamicalSystem
-from .._linalg import length, matmul
+from .._linalg import length
 from .._pytree import pytree, set_field, static
 from .._ranges import NonNegative, Positive
 from .._rotations import pose
 from .._task_map import check_rigid
+from ._rounded_well import rounded_well
 
 
 @pytree
@@ -69,6 +70,4 @@ class OrientationAttractor(GeometricDynamicalSystem):
 
     def potential(self, x):
         offset = x - jnp.asarray(self.R_world_goal, x.dtype).reshape(9)
-        u = matmul(offset, offset) / 8
-        well = u / (1 + jnp.sqrt(1 - (1 - self.rounding) * u))
-        return (4 * self.weight * self.stiffness * well).astype(x.dtype)
+        return (4 * self.weight * self.stiffness * rounded_well(offset, 8, self.rounding)).astype(x.dtype)
