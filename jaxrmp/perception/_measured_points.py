@@ -10,8 +10,11 @@ from .._linalg import matmul
 from ._camera import Camera
 from ._nearest import nearest, parts_at
 from ._object_model import ObjectModel
+from ._rays import rays_at
 from ._settings import ObjectTrackerSettings
 from ._track import Estimate
+
+_NONE = np.zeros((0, 3), np.float32), np.zeros(0, np.float32)
 
 OTHER = 0
 OBJECT = 1
@@ -47,11 +50,9 @@ def measured_points(
     `centers` [K, 3], `radii` [K], spheres that hold the robot, in the world, m; `stride`, pixels.
     """
     uv = np.stack(np.meshgrid(range(0, camera.width, stride), range(0, camera.height, stride)), axis=-1).reshape(-1, 2)
-    z = depth[uv[:, 1], uv[:, 0]]
-    known = (z > 0) & (z < 1e3)
-    z = jnp.where(known, z, 1)
+    rays = rays_at(depth, camera, uv, np.ones(len(uv), bool), *_NONE, 0.0)  # the robot's too
+    p, z = jnp.stack(rays.points, axis=1), rays.depth
     T = jnp.asarray(camera.T_world_camera, z.dtype)
-    p = matmul(camera.points(jnp.asarray(uv, z.dtype), z), T[:3, :3].T) + T[:3, 3]
     centers = jnp.reshape(jnp.asarray(centers, z.dtype), (-1, 3))
     wide = jnp.reshape(jnp.asarray(radii, z.dtype), (-1,)) + settings.robot_margin
     robots = (jnp.sum((p[:, None] - centers) ** 2, axis=-1) < wide**2).any(1)
@@ -60,4 +61,4 @@ def measured_points(
     parts = parts_at(model, jnp.asarray(estimate.q, z.dtype))
     found = nearest(model, parts, (local[:, 0], local[:, 1], local[:, 2]), (eye[0], eye[1], eye[2]))
     objects = (jnp.abs(found.distance) < settings.gates[0]) & ~estimate.lost
-    return MeasuredPoints(p, known, jnp.where(robots, ROBOT, jnp.where(objects, OBJECT, OTHER)))
+    return MeasuredPoints(p, rays.known, jnp.where(robots, ROBOT, jnp.where(objects, OBJECT, OTHER)))
