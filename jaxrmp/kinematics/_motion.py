@@ -1,8 +1,9 @@
 """One pass from the world down the bodies that matter: poses, and on request velocities and accelerations."""
 
+import functools
 import math
 from collections.abc import Iterable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -26,6 +27,7 @@ from ._scalars import (
     scale,
     sub3,
 )
+from ._slopes import with_slopes
 
 
 class BodyMotion(NamedTuple):
@@ -62,8 +64,16 @@ def move(
     Every body is computed once. Without `qd` the velocities and accelerations stay zero and cost nothing; `turns` are
     those at q, if they are known.
     """
+    bodies = tuple(sorted(set(bodies)))
+    turns = turns_at(model, bodies, q) if turns is None else turns
+    chain = functools.partial(_chain, model, bodies)
+    return with_slopes(model, chain, functools.partial(_known, model, bodies), q, qd, turns)
+
+
+def _chain(
+    model: KinematicModel, bodies: tuple[int, ...], q: Any, qd: Any, turns: Turns
+) -> tuple[dict[int, BodyMotion], dict[int, JointAxis]]:
     needed = _with_those_above(model, bodies)
-    turns = turns_at(model, needed, q) if turns is None else turns
     motions = {0: BodyMotion(IDENTITY, ZERO)}
     axes: dict[int, JointAxis] = {}
     for b in needed:
@@ -83,7 +93,18 @@ def move(
                 velocity, acceleration = add3(motion.velocity, slip), add3(motion.acceleration, coriolis)
                 motion = motion._replace(velocity=velocity, acceleration=acceleration)
         motions[b] = motion
-    return motions, axes
+    return {b: motions[b] for b in bodies}, axes
+
+
+@functools.lru_cache(maxsize=256)
+def _known(
+    model: KinematicModel, bodies: tuple[int, ...], moving: bool
+) -> tuple[dict[int, BodyMotion], dict[int, JointAxis]]:
+    """A motion in which every number is a float that is known whatever `q` and `qd` are."""
+    unknown = np.ones(len(model.joint_names), np.float32)
+    turns: Turns = dict.fromkeys(range(len(model.joints)), (unknown[0], unknown[0]))
+    turns.update(_locked_turns(model, range(len(model.joints))))
+    return _chain(model, bodies, unknown, unknown if moving else None, turns)
 
 
 def move_frames(
@@ -111,8 +132,8 @@ def carry(motion: BodyMotion, arm: Vector) -> BodyMotion:
     )
 
 
-def _entry(x: jax.Array, i: int) -> jax.Array:
-    return jax.lax.index_in_dim(x, i, keepdims=False)
+def _entry(x: Any, i: int) -> Any:
+    return x[i] if isinstance(x, np.ndarray) else jax.lax.index_in_dim(x, i, keepdims=False)
 
 
 def _displacement(joint: Joint, q: jax.Array) -> Scalar:
@@ -124,20 +145,20 @@ def _displacement(joint: Joint, q: jax.Array) -> Scalar:
 
 def turns_at(model: KinematicModel, bodies: Iterable[int], q: jax.Array) -> Turns:
     """The turns of the joints of `bodies` and of those above them, all in one array operation."""
-    found: Turns = {}
-    moving = []
-    for b in _with_those_above(model, bodies):
-        for i in model.joints_of_body[b]:
-            joint = model.joints[i]
-            if joint.kind == "revolute" and joint.coordinate >= 0:
-                moving.append(i)
-            elif joint.kind == "revolute":
-                angle = joint.offset - joint.reference
-                found[i] = (math.cos(angle), math.sin(angle))
+    met = [i for b in _with_those_above(model, bodies) for i in model.joints_of_body[b]]
+    found = _locked_turns(model, met)
+    moving = [i for i in met if model.joints[i].kind == "revolute" and i not in found]
     if moving:
         values = _cosines_and_sines(_displacements([model.joints[i] for i in moving], q))
         found.update((i, (_entry(values, k), _entry(values, k + len(moving)))) for k, i in enumerate(moving))
     return found
+
+
+def _locked_turns(model: KinematicModel, joints: Iterable[int]) -> Turns:
+    """Of those among `joints` that turn about an axis and no coordinate moves."""
+    locked = [(i, model.joints[i]) for i in joints if model.joints[i].coordinate < 0]
+    angles = {i: joint.offset - joint.reference for i, joint in locked if joint.kind == "revolute"}
+    return {i: (math.cos(angle), math.sin(angle)) for i, angle in angles.items()}
 
 
 @one_loop
