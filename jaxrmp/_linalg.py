@@ -22,13 +22,14 @@ AT_ZERO = 1e-20  # squares of lengths below it count as zero: 1e-10 m is nothing
 _UNROLL = 8  # Up to here every entry is its own scalar, which XLA fuses; above, whole columns keep programs small.
 
 
-def cholesky(A: jax.Array) -> jax.Array:
+def cholesky(A: jax.Array, unroll: bool = True) -> jax.Array:
     """Lower triangular L [..., n, n] with `L L^T = A`, from the lower triangle of A, symmetric positive definite.
 
-    Where A is not positive definite the result holds NaN.
+    Where A is not positive definite the result holds NaN. Unless `unroll`, a small one is no fewer steps than a large
+    one, which makes smaller programs.
     """
     n = _size(A)
-    if n <= _UNROLL:
+    if n <= (_UNROLL if unroll else 0):
         zero = jnp.zeros_like(A[..., 0, 0])
         L = [[zero] * n for _ in range(n)]
         for j in range(n):
@@ -44,11 +45,11 @@ def cholesky(A: jax.Array) -> jax.Array:
     return jnp.stack(columns, axis=-1)
 
 
-def solve_lower(L: jax.Array, b: jax.Array) -> jax.Array:
-    """Solve `L y = b` by forward substitution; L [..., n, n] lower triangular, b [..., n]."""
+def solve_lower(L: jax.Array, b: jax.Array, unroll: bool = True) -> jax.Array:
+    """Solve `L y = b` by forward substitution; L [..., n, n] lower triangular, b [..., n]; `unroll` as above."""
     n = _size(L)
     y: list[jax.Array] = []
-    if n <= _UNROLL:
+    if n <= (_UNROLL if unroll else 0):
         for i in range(n):
             y.append((b[..., i] - sum(L[..., i, k] * y[k] for k in range(i))) / L[..., i, i])
     else:
@@ -58,15 +59,33 @@ def solve_lower(L: jax.Array, b: jax.Array) -> jax.Array:
     return jnp.stack(y, axis=-1)
 
 
-def solve_lower_transposed(L: jax.Array, b: jax.Array) -> jax.Array:
-    """Solve `L^T y = b` by back substitution; L [..., n, n] lower triangular, b [..., n]."""
-    return solve_lower(jnp.swapaxes(L, -1, -2)[..., ::-1, ::-1], b[..., ::-1])[..., ::-1]
+def solve_lower_transposed(L: jax.Array, b: jax.Array, unroll: bool = True) -> jax.Array:
+    """Solve `L^T y = b` by back substitution; L [..., n, n] lower triangular, b [..., n]; `unroll` as above."""
+    return solve_lower(jnp.swapaxes(L, -1, -2)[..., ::-1, ::-1], b[..., ::-1], unroll)[..., ::-1]
 
 
+@jax.custom_jvp
 def cholesky_solve(A: jax.Array, b: jax.Array) -> jax.Array:
-    """Solve `A y = b` for A [..., n, n] symmetric positive definite and b [..., n]; NaN where A is not."""
+    """Solve `A y = b` for A [..., n, n] symmetric positive definite and b [..., n]; NaN where A is not.
+
+    Its slope is one more solution, `A dy = db - dA y`, and not one through the factors.
+    """
     L = cholesky(A)
     return solve_lower_transposed(L, solve_lower(L, b))
+
+
+@cholesky_solve.defjvp
+def _cholesky_solve_slope(primals, tangents):
+    (A, b), (dA, db) = primals, tangents
+    L = cholesky(A, unroll=False)
+
+    def solved(b):
+        return solve_lower_transposed(L, solve_lower(L, b, unroll=False), unroll=False)
+
+    below = jnp.tril(dA, -1)
+    dA = below + jnp.swapaxes(below, -1, -2) + dA * jnp.eye(_size(A), dtype=dA.dtype)  # as the lower triangle says
+    y = solved(b)
+    return y, solved(db - matmul(dA, y[..., None])[..., 0])
 
 
 def lu_solve(A: jax.Array, b: jax.Array) -> jax.Array:

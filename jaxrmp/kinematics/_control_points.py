@@ -1,5 +1,6 @@
 """The task map from joint positions to points on the robot."""
 
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -14,9 +15,10 @@ from .._task_map import Pushforward, TaskMap, Transport
 from ..xla import concatenated, one_loop
 from ._forward import configuration
 from ._jacobian import as_jacobian, jacobian_rows, rows
-from ._motion import BodyMotion, JointAxis, carry, move_frames, turns_at
+from ._motion import BodyMotion, JointAxis, carry, known_motion, move, move_frames, turns_at
 from ._robot import Robot
 from ._scalars import Vector, rotate
+from ._slopes import slopes_of_points, with_slopes
 
 
 class PointMotions(NamedTuple):
@@ -76,7 +78,7 @@ class ControlPoints(TaskMap):
 
     def __call__(self, x):
         x = configuration(self.robot, x)
-        motions, _ = self._point_motions(x, None)
+        motions, _ = self._point_motions(x, None, None, self.offsets)
         return self._ordered(jnp.concatenate([rows(motion.position, (len(k),), x.dtype) for _, k, motion in motions]))
 
     def pushforward(self, x, xd):
@@ -118,7 +120,29 @@ class ControlPoints(TaskMap):
         return tuple(self.robot.model.frames[self.robot.frame_index(name)].body for name in self.frames)
 
     def _motions(self, x, xd, turns):
-        motions, axes = self._point_motions(x, xd, turns)
+        model, bodies = self.robot.model, self._bodies()
+        met = tuple(sorted(set(bodies)))
+
+        def slopes(arguments, changes):
+            (*arguments, offsets), (*changes, moved) = arguments, changes
+            offsets, moved = jax.jvp(self._offsets_of_bodies, (offsets,), (moved,))
+            at_rest = partial(move, model, met, qd=None)
+            return slopes_of_points(model, at_rest, bodies, (*arguments, offsets), (*changes, moved))
+
+        points = (jnp.zeros(len(bodies)),) * 3
+        known = points, points, points, known_motion(model, met, True)[1]
+        turns = turns_at(model, met, x) if turns is None else turns
+        offsets = jnp.zeros((len(bodies), 3), x.dtype) if self.offsets is None else jnp.asarray(self.offsets, x.dtype)
+        return with_slopes(self._carried, known, slopes, x, xd, turns, offsets)
+
+    def _offsets_of_bodies(self, offsets: jax.Array) -> jax.Array:
+        """From those in their frames [K, 3] those in the frames' bodies [3, K]."""
+        frames = [self.robot.model.frames[self.robot.frame_index(name)] for name in self.frames]
+        R = np.array([frame.rotation for frame in frames], offsets.dtype).reshape(-1, 3, 3)
+        return (jnp.sum(R * offsets[:, None], axis=-1) + np.array([frame.position for frame in frames], R.dtype)).T
+
+    def _carried(self, x, xd, turns, offsets):
+        motions, axes = self._point_motions(x, xd, turns, None if self.offsets is None else offsets)
         groups: list[list[jax.Array]] = []
         for _, k, motion in motions:
             entries = (*motion.position, *motion.velocity, *motion.acceleration)
@@ -130,9 +154,11 @@ class ControlPoints(TaskMap):
         """Each distinct frame with the indices of its points."""
         return [(name, [k for k, f in enumerate(self.frames) if f == name]) for name in dict.fromkeys(self.frames)]
 
-    def _point_motions(self, q, qd, turns=None) -> tuple[list[tuple[int, list[int], BodyMotion]], dict[int, JointAxis]]:
+    def _point_motions(
+        self, q, qd, turns, offsets
+    ) -> tuple[list[tuple[int, list[int], BodyMotion]], dict[int, JointAxis]]:
         """For each distinct frame: its body, its points' indices, and the motion of all of them ([K] to a scalar)."""
-        groups, offsets = self._groups(), None if self.offsets is None else jnp.asarray(self.offsets, q.dtype)
+        groups, offsets = self._groups(), None if offsets is None else jnp.asarray(offsets, q.dtype)
         motions, axes = move_frames(self.robot, (name for name, _ in groups), q, qd, turns)
         found = []
         for (_, k), (body, motion) in zip(groups, motions, strict=True):

@@ -27,7 +27,7 @@ from ._scalars import (
     scale,
     sub3,
 )
-from ._slopes import with_slopes
+from ._slopes import Turns, slopes_of_bodies, with_slopes
 
 
 class BodyMotion(NamedTuple):
@@ -48,10 +48,6 @@ class JointAxis(NamedTuple):
     anchor: Vector
 
 
-Turns = dict[int, tuple[Scalar, Scalar]]
-"""Cosine and sine of each revolute joint's displacement, by the joint's index."""
-
-
 def move(
     model: KinematicModel,
     bodies: Iterable[int],
@@ -66,8 +62,9 @@ def move(
     """
     bodies = tuple(sorted(set(bodies)))
     turns = turns_at(model, bodies, q) if turns is None else turns
+    slopes = functools.partial(slopes_of_bodies, model, functools.partial(move, model, bodies, qd=None))
     chain = functools.partial(_chain, model, bodies)
-    return with_slopes(model, chain, functools.partial(_known, model, bodies), q, qd, turns)
+    return with_slopes(chain, known_motion(model, bodies, qd is not None), slopes, q, qd, turns)
 
 
 def _chain(
@@ -97,7 +94,7 @@ def _chain(
 
 
 @functools.lru_cache(maxsize=256)
-def _known(
+def known_motion(
     model: KinematicModel, bodies: tuple[int, ...], moving: bool
 ) -> tuple[dict[int, BodyMotion], dict[int, JointAxis]]:
     """A motion in which every number is a float that is known whatever `q` and `qd` are."""
