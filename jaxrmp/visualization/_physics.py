@@ -6,7 +6,6 @@ from .._palette import BLACK, GREY
 from ..simulation import Run
 from ._style import THIN, Figure, label_axes, legend_below, new_figure, series_style
 
-
 _NAMED = 8  # of more trials, which is which is not told
 
 
