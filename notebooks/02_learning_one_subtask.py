@@ -152,7 +152,7 @@ heights = over_grid(potential)
 titles = {"potential alone": lambda x: -jax.grad(potential)(x), "warped by the metric": leaf.field}
 for axes, (title, field) in zip(panels, titles.items(), strict=True):
     arrows = over_grid(field)
-    axes.contourf(grid_x, grid_y, heights, levels=20, cmap="Greys", alpha=0.5)
+    axes.contourf(grid_x, grid_y, heights, levels=20, cmap="Blues", alpha=0.6)
     axes.streamplot(
         grid_x, grid_y, arrows[..., 0], arrows[..., 1], density=1.3, linewidth=0.6, arrowsize=0.7, color="C0"
     )
