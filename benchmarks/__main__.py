@@ -64,7 +64,7 @@ def run(name: str, file: Path, quick: bool) -> None:
     print(table(rows), flush=True)
     write_json(rows, file, quick=quick, seconds=time.perf_counter() - start)
     if hasattr(module, "figure"):
-        module.figure(rows).savefig(file.with_suffix(".png"), dpi=130)
+        module.figure(rows).savefig(file.with_suffix(".png"))
 
 
 def _all(folder: Path, quick: bool) -> int:

@@ -15,6 +15,7 @@ from jax.tree_util import Partial
 
 from jaxrmp import Node, pushforward
 from jaxrmp._linalg import cholesky_solve, matmul
+from jaxrmp._palette import BLUE, ORANGE, VERMILLION
 from jaxrmp._rotations import rotation_of_vector
 from jaxrmp.evaluation import Evaluation, evaluate, limit_leaf, sample_starts, skill_problem, starts_around
 from jaxrmp.kinematics import Robot
@@ -22,7 +23,7 @@ from jaxrmp.learning import Skill, learn
 from jaxrmp.learning._reproduce import rollouts_of
 from jaxrmp.policies import ArmPolicy, whole_arm_policy
 from jaxrmp.simulation import End, KinematicEngine, StopCriteria
-from jaxrmp.visualization._style import BLUE, ORANGE, VERMILLION, Figure, label_axes, legend_below, new_figure
+from jaxrmp.visualization._style import MARKER, Figure, label_axes, legend_below, new_figure
 from jaxrmp.world import World
 
 from ._report import FOLDER
@@ -82,20 +83,23 @@ def _row(task: str, seed: int) -> dict[str, Any]:
 
 def figure(rows: list[dict[str, Any]]) -> Figure:
     """Where the hand began, from the side, and how that ended: the first seed's starts of each task."""
-    drawn = new_figure(12, 4.2)
+    drawn = new_figure()
     tasks = list(dict.fromkeys(row["name"] for row in rows))
-    for axes, task in zip(drawn.subplots(1, len(tasks), squeeze=False)[0], tasks, strict=True):
+    panels = drawn.subplots(1, len(tasks), squeeze=False, sharey=True)[0]
+    for axes, task in zip(panels, tasks, strict=True):
         with np.load(_ends_of(task)) as ends:
             hand, kind = ends["hand"], ends["kind"]
-        for end, name, colour in (
-            (kind == End.CONVERGED, "arrives", BLUE),
-            (kind == End.STOPPED_AT_LIMIT, "at a joint limit", ORANGE),
-            (~np.isin(kind, (End.CONVERGED, End.STOPPED_AT_LIMIT)), "neither", VERMILLION),
+        for end, name, colour, size in (
+            (kind == End.CONVERGED, "arrives", BLUE, MARKER / 2),
+            (kind == End.STOPPED_AT_LIMIT, "at a joint limit", ORANGE, 4 * MARKER),
+            (~np.isin(kind, (End.CONVERGED, End.STOPPED_AT_LIMIT)), "neither", VERMILLION, 4 * MARKER),
         ):
-            axes.scatter(*hand[end][:, ::2].T, 3 if name == "arrives" else 20, colour, label=name)
+            if end.any():
+                axes.scatter(*hand[end][:, ::2].T, size, colour, label=name)
         axes.set_aspect("equal")
-        label_axes(axes, f"x, m ({task.replace('_', ' ')}: {(kind == End.CONVERGED).sum():,} of {len(kind):,})", "z, m")
-    legend_below(drawn, axes)
+        arrive = f"{(kind == End.CONVERGED).sum():,} of {len(kind):,} arrive"
+        label_axes(axes, "x (m)", "z (m)" if axes is panels[0] else "", f"{task.replace('_', ' ')}\n{arrive}")
+    legend_below(drawn, *panels)
     return drawn
 
 

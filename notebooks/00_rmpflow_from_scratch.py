@@ -30,7 +30,9 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import jaxrmp
+from jaxrmp.visualization import figure_style
 
+plt.rcParams.update(figure_style())
 jax.config.update("jax_enable_x64", True)  # double precision, so that agreement can be told from luck
 
 GOAL, CENTER, RADIUS = jnp.array([1.2, 1.3]), jnp.array([1.9, 0.3]), 0.3
@@ -142,15 +144,15 @@ _, (q, V) = jax.jit(lambda q: jax.lax.scan(step, (q, jnp.zeros(3)), length=3000)
 hand = np.asarray(jax.vmap(joints_of_arm)(q))[:, 2]
 clearance = np.asarray(jax.vmap(lambda q: jnp.concatenate([to_disc(1)(q), to_disc(2)(q)]))(q)).min()
 
-figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4))
+figure, (left, right) = plt.subplots(1, 2)
 for k in (0, 600, 1000, 1300, 2999):
-    left.plot(*np.vstack([np.zeros(2), joints_of_arm(q[k])]).T, "o-", color="0.3", alpha=0.3 + 0.6 * k / 2999)
+    left.plot(*np.vstack([np.zeros(2), joints_of_arm(q[k])]).T, "o-", color="dimgrey", alpha=0.3 + 0.6 * k / 2999)
 left.plot(*hand.T, "C0")
 left.add_patch(plt.Circle(CENTER, RADIUS, color="C1"))
-left.plot(*GOAL, "k*", ms=12)
-left.set(aspect="equal", title="the arm and the path of its hand")
+left.plot(*GOAL, "k*", ms=13)
+left.set(xlabel="x (m)", ylabel="y (m)", aspect="equal", title="the arm and the path of its hand")
 right.plot(0.005 * np.arange(3000), V)
-right.set(xlabel="time [s]", title="energy V")
+right.set(xlabel="time (s)", title="energy V")
 plt.show()
 print(f"hand ends {np.linalg.norm(hand[-1] - GOAL):.1e} m from the goal, clearance {clearance:.3f} m")
 

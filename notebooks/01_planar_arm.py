@@ -41,10 +41,12 @@ from jaxrmp import inspection, pullback
 from jaxrmp.kinematics import ControlPoints, load_robot_from_string
 from jaxrmp.leaves import Attractor, CollisionAvoidance, Damping, JointLimit, JointVelocityLimit, Posture
 from jaxrmp.simulation import rollout
+from jaxrmp.visualization import figure_style
 from jaxrmp.world import Boxes, Capsules, HalfSpaces, ObstacleDistances, Spheres, World
 
 # Compiled programs are kept between runs; the library itself never switches this on.
 jax.config.update("jax_compilation_cache_dir", str(Path(tempfile.gettempdir()) / "jaxrmp_notebooks"))
+plt.rcParams.update(figure_style())
 
 # %% [markdown]
 # ## The arm
@@ -157,7 +159,7 @@ def draw_arm(axes, q, **style):
     axes.plot(*np.concatenate([joints, np.asarray(tip(jnp.asarray(q)))])[:, :2].T, **style)
 
 
-figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4.2), layout="constrained")
+figure, (left, right) = plt.subplots(1, 2)
 draw_world(left, numbers(world))
 for i, (goal, (path, hand, clearance)) in enumerate(zip(GOALS, runs, strict=True)):
     left.plot(*np.asarray(hand).T, color=f"C{i}")
@@ -165,8 +167,8 @@ for i, (goal, (path, hand, clearance)) in enumerate(zip(GOALS, runs, strict=True
     draw_arm(left, path.q[-1], color=f"C{i}", alpha=0.5, linewidth=3)
     right.plot(path.time, np.asarray(clearance) * 1e3, color=f"C{i}")
 draw_arm(left, START, color="k", linewidth=3)
-left.set(xlabel="x in m", ylabel="y in m", title="hand and arm")
-right.set(xlabel="time in s", ylabel="mm", title="clearance of the arm")
+left.set(xlabel="x (m)", ylabel="y (m)", title="hand and arm")
+right.set(xlabel="time (s)", ylabel="smallest distance (mm)", title="clearance of the arm")
 plt.show()
 
 # %% [markdown]

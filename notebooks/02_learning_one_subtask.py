@@ -42,9 +42,11 @@ from jaxrmp import learning
 from jaxrmp.leaves import Learned
 from jaxrmp.simulation import rollout
 from jaxrmp.synthetic import synthetic_demonstrations
+from jaxrmp.visualization import figure_style
 
 # Compiled programs are kept between runs; the library itself never switches this on.
 jax.config.update("jax_compilation_cache_dir", str(Path(tempfile.gettempdir()) / "jaxrmp_notebooks"))
+plt.rcParams.update(figure_style())
 
 # %% [markdown]
 # ## 1. Demonstrations: from joints to a point in the object's frame
@@ -78,17 +80,18 @@ nominal, distances = learning.nominal_demonstration(list(positions))
 
 def draw_demonstrations(axes):
     for k, path in enumerate(positions):
-        style = {"color": "C3", "lw": 2, "zorder": 3} if k == nominal else {"color": "0.4", "lw": 1}
+        style = {"color": "C1", "lw": 2, "zorder": 3} if k == nominal else {"color": "0.4", "lw": 1}
         axes.plot(path[:, 0], path[:, 1], **style)
     axes.plot(0, 0, "k*", ms=10, zorder=4)
-    axes.set(xlabel="x [m]", aspect="equal")
+    axes.set(xlabel="x (m)", aspect="equal")
 
 
-figure, (left, right) = plt.subplots(1, 2, figsize=(10, 3.6))
+figure, (left, right) = plt.subplots(1, 2)
 draw_demonstrations(left)
-left.set(ylabel="y [m]", title="seen from above; the nominal one in red")
+left.set(ylabel="y (m)", title="from above; the nominal one thick")
+right.grid(False)
 image = right.imshow(distances / positions.shape[1] * 100)
-right.set(title="DTW distance per sample [cm]", xlabel="demonstration", ylabel="demonstration")
+right.set(title="DTW distance per sample (cm)", xlabel="demonstration", ylabel="demonstration")
 figure.colorbar(image)
 plt.show()
 
@@ -126,7 +129,7 @@ fit = learning.train_metrics(
 )
 factor = jax.tree.map(lambda a: a[0], fit.factors)
 
-figure, axes = plt.subplots(figsize=(6, 2.6))
+figure, axes = plt.subplots()
 axes.semilogy(fit.losses)
 axes.set(xlabel="update", ylabel="loss", title="training the metric")
 plt.show()
@@ -144,7 +147,7 @@ grid_x, grid_y = np.meshgrid(np.linspace(low[0], high[0], 30), np.linspace(low[1
 grid = jnp.asarray(np.stack([grid_x, grid_y, np.zeros_like(grid_x)], -1), jnp.float32)
 over_grid = lambda function: np.asarray(jax.jit(jax.vmap(jax.vmap(function)))(grid))  # noqa: E731
 
-figure, panels = plt.subplots(1, 2, figsize=(11, 4.2), sharey=True)
+figure, panels = plt.subplots(1, 2, sharey=True)
 heights = over_grid(potential)
 titles = {"potential alone": lambda x: -jax.grad(potential)(x), "warped by the metric": leaf.field}
 for axes, (title, field) in zip(panels, titles.items(), strict=True):
@@ -155,7 +158,7 @@ for axes, (title, field) in zip(panels, titles.items(), strict=True):
     )
     draw_demonstrations(axes)
     axes.set(title=title)
-panels[0].set(ylabel="y [m]")
+panels[0].set(ylabel="y (m)")
 plt.show()
 
 # %% [markdown]
@@ -174,12 +177,12 @@ errors = [learning.reproduction_errors(p[:, None], r[:, None]) for p, r in zip(p
 for k, error in enumerate(errors):
     print(f"demonstration {k}: " + ", ".join(f"{name} {value:.2f}" for name, value in error.items()))
 
-figure, (left, right) = plt.subplots(1, 2, figsize=(11, 3.8))
+figure, (left, right) = plt.subplots(1, 2)
 draw_demonstrations(left)
 left.plot(paths[..., 0].T, paths[..., 1].T, "C0--", lw=1.5, zorder=5)
-left.set(ylabel="y [m]", title="demonstrated, and reproduced (dashed)")
+left.set(ylabel="y (m)", title="demonstrated, and reproduced (dashed)")
 right.plot(motion.time.T, motion.energy.T, "C0")
-right.set(xlabel="time [s]", title="energy V of each rollout")
+right.set(xlabel="time (s)", ylabel="energy V", title="energy of each rollout")
 plt.show()
 
 # %% [markdown]

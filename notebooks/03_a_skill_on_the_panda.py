@@ -42,6 +42,7 @@ from jaxrmp.synthetic import synthetic_demonstrations
 
 # Compiled programs are kept between runs; the library itself never switches this on.
 jax.config.update("jax_compilation_cache_dir", str(Path(tempfile.gettempdir()) / "jaxrmp_notebooks"))
+plt.rcParams.update(visualization.figure_style())
 
 robot = jaxrmp.kinematics.panda()
 
@@ -132,9 +133,9 @@ print("left to the targets, mm:", np.round(1e3 * left.max(axis=1), 1))
 # The energy, which every leaf has its part in, falls along every motion, wherever the handle is.
 
 # %%
-figure, axes = plt.subplots(figsize=(6, 2.6))
+figure, axes = plt.subplots()
 axes.plot(moved.rollouts.time[0], moved.rollouts.energy.T)
-axes.set(xlabel="time [s]", ylabel="energy", title="six places of the handle")
+axes.set(xlabel="time (s)", ylabel="energy", title="six places of the handle")
 plt.show()
 tree = skill.tree(robot, poses[0])
 rise = max(errors["energy_increase"] for errors in (*reproduction.errors, *moved.errors))

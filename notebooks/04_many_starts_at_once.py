@@ -40,9 +40,11 @@ import jaxrmp
 from jaxrmp import evaluation, leaves, scenes
 from jaxrmp.kinematics import ControlPoints, panda
 from jaxrmp.simulation import KinematicEngine, MjxEngine, Problem, StopCriteria
+from jaxrmp.visualization import figure_style
 
 # Compiled programs are kept between runs; the library itself never switches this on.
 jax.config.update("jax_compilation_cache_dir", str(Path(tempfile.gettempdir()) / "jaxrmp_notebooks"))
+plt.rcParams.update(figure_style())
 
 # %% [markdown]
 # ## The policy
@@ -92,9 +94,9 @@ print(
     kinds, f"median {np.median(kinematic.seconds):.1f} s, energy rises by at most {kinematic.energy_increase.max():.1e}"
 )
 
-figure, axes = plt.subplots(figsize=(6, 2.8))
+figure, axes = plt.subplots()
 axes.hist(kinematic.seconds, bins=30)
-axes.set(xlabel="time until the rollout was over [s]", ylabel="starts")
+axes.set(xlabel="time until the rollout was over (s)", ylabel="starts")
 plt.show()
 
 # %% [markdown]

@@ -38,9 +38,11 @@ from jaxrmp import Distance, pullback
 from jaxrmp.inspection import inspect, table
 from jaxrmp.leaves import Attractor, CollisionAvoidance, Damping
 from jaxrmp.simulation import rollout
+from jaxrmp.visualization import figure_style
 
 # Compiled programs are kept between runs; the library itself never switches this on.
 jax.config.update("jax_compilation_cache_dir", str(Path(tempfile.gettempdir()) / "jaxrmp_notebooks"))
+plt.rcParams.update(figure_style())
 
 GOAL, CENTER, RADIUS = np.array([1.2, 1.3]), np.array([1.9, 0.3]), 0.3
 DT, DURATION = 0.01, 6.0
@@ -149,9 +151,9 @@ evaluate = jax.jit(lambda logs, starts: (loss_of(logs, starts), motion(logs, sta
 (before, slow), (after, fast) = evaluate(by_hand, held_out), evaluate(tuned, held_out)
 clearance = float(jax.vmap(jax.vmap(distances))(fast.q).min())
 
-figure, panels = plt.subplots(1, 3, figsize=(13, 4))
+figure, panels = plt.subplots(1, 3)
 panels[0].semilogy(losses)
-panels[0].set(xlabel="update", title="loss on the tuned starts")
+panels[0].set(xlabel="update", ylabel="loss", title="loss, tuned starts")
 for path, color, label in ((slow, "C0", "by hand"), (fast, "C1", "tuned")):
     hands = np.asarray(jax.vmap(jax.vmap(hand))(path.q))
     panels[1].plot(*hands[0].T, color=color, label=label)
@@ -159,9 +161,9 @@ for path, color, label in ((slow, "C0", "by hand"), (fast, "C1", "tuned")):
     panels[2].plot(path.time[0], np.linalg.norm(hands - GOAL, axis=-1).T, color=color)
 panels[1].add_patch(plt.Circle(CENTER, RADIUS, color="0.7"))
 panels[1].plot(*GOAL, "k*", ms=12)
-panels[1].legend()
-panels[1].set(aspect="equal", title="paths of the hand, held-out starts")
-panels[2].set(xlabel="time [s]", title="distance to the goal [m]")
+figure.legend(loc="outside lower center", ncols=2)
+panels[1].set(xlabel="x (m)", ylabel="y (m)", aspect="equal", title="hand, held-out starts")
+panels[2].set(xlabel="time (s)", ylabel="distance (m)", title="distance to the goal")
 plt.show()
 print(f"loss on held-out starts {before:.3f} -> {after:.3f}; least clearance {clearance:.3f} m")
 

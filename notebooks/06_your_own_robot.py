@@ -38,10 +38,11 @@ import jax
 import matplotlib.pyplot as plt
 import numpy as np
 
-from jaxrmp import kinematics, learning
+from jaxrmp import kinematics, learning, visualization
 
 # Compiled programs are kept between runs; the library itself never switches this on.
 jax.config.update("jax_compilation_cache_dir", str(Path(tempfile.gettempdir()) / "jaxrmp_notebooks"))
+plt.rcParams.update(visualization.figure_style())
 
 folder = Path(tempfile.mkdtemp())
 
@@ -164,13 +165,15 @@ left = np.linalg.norm(moved.points[:, -1] - learned.prepared.subtasks.ends, axis
 print({name: round(value, 3) for name, value in reproduction.mean.items() if value is not None})
 print("new place of the cup: left to the targets, mm", np.round(1e3 * left.max(axis=1), 1))
 
-figure, panels = plt.subplots(1, 2, figsize=(10, 3.6), sharex=True)
-for points, style in ((learned.prepared.points, "0.6"), (reproduction.points, "C0"), (moved.points, "C1")):
-    for path in points:
-        panels[0].plot(*path[:, 0, :2].T, color=style)
-        panels[1].plot(*path[:, 0, ::2].T, color=style)
-panels[0].set(xlabel="x [m]", ylabel="y [m]", title="from above, in the cup's frame")
-panels[1].set(xlabel="x [m]", ylabel="z [m]", title="from the side; grey: shown, blue: reproduced, orange: new place")
+figure, panels = plt.subplots(1, 2, sharex=True)
+shown = {"shown": (learned.prepared.points, "darkgrey"), "reproduced": (reproduction.points, "C0")}
+for name, (points, color) in {**shown, "at the new place": (moved.points, "C1")}.items():
+    for k, path in enumerate(points):
+        panels[0].plot(*path[:, 0, :2].T, color=color, label=None if k else name)
+        panels[1].plot(*path[:, 0, ::2].T, color=color)
+panels[0].set(xlabel="x (m)", ylabel="y (m)", title="from above, in the cup's frame")
+panels[1].set(xlabel="x (m)", ylabel="z (m)", title="from the side")
+figure.legend(loc="outside lower center", ncols=3)
 plt.show()
 
 # %%

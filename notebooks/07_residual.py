@@ -40,10 +40,12 @@ from jax.flatten_util import ravel_pytree
 from jaxrmp import environments
 from jaxrmp.kinematics import forward_kinematics, load_robot_from_string
 from jaxrmp.policies import reaching_policy
+from jaxrmp.visualization import figure_style
 from jaxrmp.world import RobotSpheres, Spheres, World
 
 # Compiled programs are kept between runs; the library itself never switches this on.
 jax.config.update("jax_compilation_cache_dir", str(Path(tempfile.gettempdir()) / "jaxrmp_notebooks"))
+plt.rcParams.update(figure_style())
 
 # %% [markdown]
 # ## An arm that is stopped
@@ -187,14 +189,14 @@ state, seen = environments.reset(environment, fresh[0])
 voided = jax.jit(environments.residual_certificate)(environment, state, network(unravel(learned), seen)).voided_by
 print("the certificate is voided by", voided)
 
-figure, axes = plt.subplots(1, 3, figsize=(12, 3.6), layout="constrained")
+figure, axes = plt.subplots(1, 3)
 for axis, (tips, *_), title in zip(axes, (before, after), ("the policy alone", "with the residual"), strict=False):
     axis.add_patch(plt.Circle(CENTER[:2], RADIUS, color="0.75"))
-    axis.plot(*np.asarray(tips[:24]).transpose(2, 1, 0), color="tab:blue", alpha=0.4, linewidth=1)
+    axis.plot(*np.asarray(tips[:24]).transpose(2, 1, 0), color="C0", alpha=0.4)
     axis.plot(*goal[:2, 3], "k+")
-    axis.set(title=title, xlabel="m", aspect="equal")
+    axis.set(title=title, xlabel="x (m)", ylabel="y (m)", aspect="equal")
 axes[2].plot(course)
-axes[2].set(title="gain in the mean of a round", xlabel="round")
+axes[2].set(title="learning", xlabel="round", ylabel="mean gain of a round")
 plt.show()
 
 # %%

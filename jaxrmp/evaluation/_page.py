@@ -22,12 +22,16 @@ def write_page(
         _summary(report),
         _page.pictures(figures),
         heading("By start region"),
-        table(
-            ["region", "starts", *(name.replace("_", " ") for name in KINDS.values()), "median time, s"],
-            [
-                [r["region"], r["starts"], *(percent(r[name]) for name in KINDS.values()), _median(r)]
-                for r in report["regions"]
-            ],
+        records(
+            report["regions"],
+            {
+                "region": lambda r: r["region"],
+                "starts": lambda r: r["starts"],
+                **{  # of ends that there were; that there were none of the others stands above
+                    name.replace("_", " "): lambda r, name=name: percent(r[name]) for name in _ends(report)
+                },
+                "median time, s": _median,
+            },
         ),
         heading("Rest points away from the goal"),
         table(
@@ -115,6 +119,11 @@ def _stability(found: Mapping[str, Any]) -> str:
             ),
         ]
     )
+
+
+def _ends(report: Mapping[str, Any]) -> list[str]:
+    """The kinds of ends that some rollout had."""
+    return [name for name in KINDS.values() if report[name]]
 
 
 def _median(region: Mapping[str, Any]) -> str:

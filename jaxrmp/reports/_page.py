@@ -19,6 +19,8 @@ figure { margin: 1.5rem 0; }
 figcaption { color: #55616b; }
 """
 
+_UNITS = {"s": "s", "rad": "rad", "m": "m", "mm": "mm", "cm": "cm", "deg": "degrees", "hz": "Hz"}
+
 
 def write_page(path: str | os.PathLike, title: str, parts: Iterable[str]) -> Path:
     """Write a page of `parts`, which the functions below make; it appears whole or not at all."""
@@ -105,7 +107,7 @@ def numbers(values: Iterable[float], digits: int = 3) -> str:
 def _flat(values: Mapping[str, Any], prefix: str = "") -> list[tuple[str, Any]]:
     rows: list[tuple[str, Any]] = []
     for name, value in values.items():
-        named = f"{prefix}{name}".replace("_", " ")
+        named = prefix + _with_unit(name)
         if isinstance(value, Mapping):
             rows += _flat(value, f"{named}: ")
         elif isinstance(value, list | tuple) and value and all(isinstance(entry, Mapping) for entry in value):
@@ -114,6 +116,12 @@ def _flat(values: Mapping[str, Any], prefix: str = "") -> list[tuple[str, Any]]:
         elif value is not None and value != "" and value != [] and value != ():
             rows.append((named, _in_words(value)))
     return rows
+
+
+def _with_unit(name: str) -> str:
+    """`start_margin_rad` as "start margin, rad"."""
+    *words, last = name.split("_")
+    return f"{' '.join(words)}, {_UNITS[last]}" if words and last in _UNITS else " ".join([*words, last])
 
 
 def _in_words(value: Any) -> str:

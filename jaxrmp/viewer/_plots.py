@@ -5,19 +5,11 @@ from typing import Any
 
 import numpy as np
 
+from .._palette import GREY, SERIES
+
 _POINTS = 300
-_COLOURS = (
-    "#0072b2",
-    "#d55e00",
-    "#009e73",
-    "#cc79a7",
-    "#e69f00",
-    "#56b4e9",
-    "#8c564b",
-    "#7f7f7f",
-    "#bcbd22",
-    "#17becf",
-)
+_COLOURS = (*SERIES[:-1], GREY)
+_DASHES = ((), (6, 3), (2, 2))  # of one round of colours after the other, pixels
 _HEIGHT = 200
 _LEAST = 0.01  # of an axis' end: below, ticks would be all zeros
 
@@ -30,6 +22,12 @@ def round_end(value: float) -> float:
     return float(next(k * power for k in (1, 2, 5, 10) if k * power >= value * (1 - 1e-9)))
 
 
+def stroke(k: int) -> dict[str, Any]:
+    """How the `k`-th series is drawn: the figures' colours, then the same dashed."""
+    dash = _DASHES[k // len(_COLOURS) % len(_DASHES)]
+    return {"stroke": _COLOURS[k % len(_COLOURS)], **({"dash": dash} if dash else {})}
+
+
 class Chart:
     """One plot of some named series over the last half minute of samples."""
 
@@ -37,7 +35,7 @@ class Chart:
         self._rows: deque[tuple[float, ...]] = deque(maxlen=_POINTS)
         series = [{"label": "s"}]
         for k, name in enumerate(names):
-            series.append({"label": name, "stroke": _COLOURS[k % len(_COLOURS)], "width": 1.5})  # pyright: ignore
+            series.append({"label": name, "width": 1.5, **stroke(k)})  # pyright: ignore
         self._fixed, self._limits = limits is not None, limits or (0.0, 1.0)
         self._plot = server.gui.add_uplot(
             tuple(np.zeros(2) for _ in series),

@@ -13,6 +13,7 @@ from ._save import png as png
 from ._save import save_learning_figures as save_learning_figures
 from ._save import save_physics_figures as save_physics_figures
 from ._save import save_reproduction_figures as save_reproduction_figures
+from ._style import figure_style as figure_style
 from ._triangles import triangle_figure as triangle_figure
 from ._vector_field import vector_field_figure as vector_field_figure
 from ._video import check_video_name as check_video_name

@@ -17,16 +17,16 @@ def energy_figure(reproduction: Reproduction) -> Figure:
 
     Rana et al. 2019, theorem 1 on stability.
     """
-    figure = new_figure(11.0, 4.2)
+    figure = new_figure()
     left, right = figure.subplots(1, 2)
     rollouts = reproduction.rollouts
     time, qd = np.asarray(rollouts.time, float), np.asarray(rollouts.qd, float)
     heights = relative_energy(rollouts.energy)
     for n, style in enumerate(series_style(len(heights))):
-        left.semilogy(time[n], np.maximum(heights[n], _ROUNDING), linewidth=1.3, label=f"demonstration {n}", **style)
-        right.plot(time[n], np.linalg.norm(qd[n], axis=-1), linewidth=1.3, **style)
+        left.semilogy(time[n], np.maximum(heights[n], _ROUNDING), label=f"demonstration {n}", **style)
+        right.plot(time[n], np.linalg.norm(qd[n], axis=-1), **style)
     rise = max(errors["energy_increase"] for errors in reproduction.errors)
-    title = f"largest rise in one step: {rise:.1e} of the range of V"
+    title = f"largest rise in one step:\n{rise:.1e} of the range of V"
     label_axes(left, "time (s)", r"$(V - \min V)\,/\,(\max V - \min V)$", title)
     label_axes(right, "time (s)", r"joint speed $|\dot q|$ (rad/s or m/s)")
     left.set_ylim(_ROUNDING, 2)

@@ -2,9 +2,10 @@
 
 import numpy as np
 
+from .._palette import BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILLION
 from ..evaluation import KINDS, Evaluation, regions
 from ..simulation import End
-from ._style import BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILLION, Figure, label_axes, legend_below, new_figure
+from ._style import LINE, MARKER, SQUARE, Figure, label_axes, legend_below, new_figure
 
 _COLOURS = {
     End.CONVERGED: BLUE,
@@ -37,14 +38,14 @@ def evaluation_figures(evaluation: Evaluation) -> dict[str, tuple[Figure, str]]:
 
 
 def _starts_figure(evaluation: Evaluation) -> Figure:
-    figure = new_figure(10, 5)
+    figure = new_figure(SQUARE)
     views = figure.subplots(1, 2)
     hand, kind = evaluation.start_hand, evaluation.ends.kind
-    for axes, (i, j), names in zip(views, ((0, 1), (0, 2)), (("x, m", "y, m"), ("x, m", "z, m")), strict=True):
+    for axes, (i, j), names in zip(views, ((0, 1), (0, 2)), (("x (m)", "y (m)"), ("x (m)", "z (m)")), strict=True):
         for end, name in KINDS.items():  # the rare kinds on top
             members = kind == end
             if members.any():
-                size = 4 if end == End.CONVERGED else 16
+                size = MARKER if end == End.CONVERGED else 4 * MARKER
                 axes.scatter(hand[members, i], hand[members, j], size, _COLOURS[end], label=name.replace("_", " "))
         label_axes(axes, *names)
         axes.set_aspect("equal")
@@ -54,7 +55,7 @@ def _starts_figure(evaluation: Evaluation) -> Figure:
 
 def _regions_figure(evaluation: Evaluation) -> Figure:
     found = list(regions(evaluation.start_hand, evaluation.start_error))
-    figure = new_figure(9, 0.8 + 0.4 * len(found))
+    figure = new_figure(0.8 + 0.4 * len(found))
     axes = figure.subplots()
     left = np.zeros(len(found))
     names = [f"{name} ({members.sum()})" for name, members in found]
@@ -63,33 +64,33 @@ def _regions_figure(evaluation: Evaluation) -> Figure:
         if share.any():
             axes.barh(names, 100 * share, left=100 * left, color=_COLOURS[end], label=name.replace("_", " "))
             left += share
-    label_axes(axes, "share of starts, %", "")
+    label_axes(axes, "share of starts (%)", "")
     axes.invert_yaxis()
     legend_below(figure, axes)
     return figure
 
 
 def _times_figure(evaluation: Evaluation) -> Figure:
-    figure = new_figure(8, 3.5)
+    figure = new_figure()
     axes = figure.subplots()
     times = np.sort(evaluation.seconds[evaluation.ends.kind == End.CONVERGED])
     share = 100 * np.arange(1, len(times) + 1) / len(evaluation.starts)
-    axes.plot(np.append(0, times), np.append(0, share), color=BLUE, drawstyle="steps-post")
+    axes.plot(np.append(0, times), np.append(0, share), color=BLUE, linewidth=LINE, drawstyle="steps-post")
     axes.set_ylim(0, 100)
-    label_axes(axes, "time, s", "converged, % of starts")
+    label_axes(axes, "time (s)", "converged (% of starts)")
     return figure
 
 
 def _worst_figure(evaluation: Evaluation) -> Figure:
-    figure = new_figure(11, 3.5)
+    figure = new_figure()
     rise, clearance, margin = figure.subplots(1, 3)
     track = evaluation.outcomes.track
     increase = evaluation.energy_increase
     increase = np.log10(np.clip(increase[np.isfinite(increase)], 1e-9, None))
     for axes, values, name in (
         (rise, increase, "log10 of energy increase"),
-        (clearance, track.clearance, "smallest clearance, m"),
-        (margin, track.margin, "smallest distance to a limit, rad"),
+        (clearance, track.clearance, "smallest clearance (m)"),
+        (margin, track.margin, "smallest distance to a limit (rad)"),
     ):
         values = np.asarray(values[np.isfinite(values)], float)
         if len(values):

@@ -5,10 +5,9 @@ from typing import Any
 import numpy as np
 
 from .._errors import ShapeError
+from .._palette import BLACK, PALE
 from ..inspection import Inspection
-from ._style import BLACK, Figure, label_axes, legend_below, new_figure, series_style
-
-_OTHERS = "#BBBBBB"
+from ._style import TALL, THICK, THIN, TICK, Figure, label_axes, legend_below, new_figure, series_style
 
 
 def inspection_figure(inspection: Inspection, time: Any, rows: int = 6) -> Figure:
@@ -41,9 +40,9 @@ def inspection_figure(inspection: Inspection, time: Any, rows: int = 6) -> Figur
     colors = [style["color"] for style in styles]
     if rest.size:
         labels.append(f"{rest.size} more")
-        colors.append(_OTHERS)
+        colors.append(PALE)
 
-    figure = new_figure(11.0, 7.0)
+    figure = new_figure(TALL)
     (forces, metrics), (gaps, energies) = figure.subplots(2, 2, sharex=True)
     for axes, share in ((forces, force), (metrics, metric)):
         stacked = list(100 * share[:, named].T)
@@ -52,11 +51,11 @@ def inspection_figure(inspection: Inspection, time: Any, rows: int = 6) -> Figur
         axes.stackplot(time, stacked, colors=colors, labels=labels, alpha=0.85, linewidth=0)
         axes.set_ylim(0, 100)
     for i, style in zip(named, styles, strict=True):
-        gaps.plot(time, gap[:, i], linewidth=1.3, **style)
-        energies.plot(time, energy[:, i], linewidth=1.3, **style)
-    energies.plot(time, energy.sum(1), color=BLACK, linewidth=1.8, label="whole tree")
-    energies.legend(frameon=False, fontsize=9.5)
-    gaps.axhline(0, color=BLACK, linewidth=0.7)
+        gaps.plot(time, gap[:, i], **style)
+        energies.plot(time, energy[:, i], **style)
+    energies.plot(time, energy.sum(1), color=BLACK, linewidth=THICK, label="whole tree")
+    energies.legend(frameon=False, fontsize=TICK)
+    gaps.axhline(0, color=BLACK, linewidth=THIN)
     label_axes(forces, "", "share of the force (%)", "force at the root")
     label_axes(metrics, "", "share of the metric (%)", "metric at the root")
     label_axes(gaps, "time (s)", "gap (units of the leaf's space)", "distance left to the goal, or kept")

@@ -13,14 +13,14 @@ def loss_figure(learning: Learning) -> Figure:
 
     Rana et al. 2019, section 3.2.
     """
-    figure = new_figure(7.0, 4.2)
+    figure = new_figure()
     from matplotlib.ticker import LogLocator, NullFormatter
 
     axes = figure.subplots()
     losses, names = learning.losses, learning.skill.parts
     updates = np.arange(1, len(losses) + 1)
     for loss, name, style in zip(losses.T, names, series_style(len(names)), strict=True):
-        axes.semilogy(updates, loss, linewidth=1.3, label=name, **style)
+        axes.semilogy(updates, loss, label=name, **style)
     kind = {"smooth_l1": "Huber loss", "l2": "squared loss"}.get(learning.skill.configuration.metric.loss, "loss")
     what = "loss of the flow" if learning.paper is None else f"{kind} of the warped field"
     label_axes(axes, "update", what, learning.skill.configuration.name)

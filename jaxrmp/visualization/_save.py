@@ -71,14 +71,14 @@ def save_physics_figures(
     return paths
 
 
-def png(figure: Figure, dpi: int = 110) -> bytes:
-    """`figure` as the bytes of a PNG file of `dpi` dots per inch, for a page."""
+def png(figure: Figure) -> bytes:
+    """`figure` as the bytes of a PNG file, for a page."""
     buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=dpi)
+    figure.savefig(buffer, format="png")
     return buffer.getvalue()
 
 
 def _save(figure: Figure, path: Path) -> Path:
     with atomic_write(path) as file:
-        figure.savefig(file, format="png", dpi=150)
+        figure.savefig(file, format="png")
     return path

@@ -5,16 +5,14 @@ from typing import Any
 
 import numpy as np
 
-from ._style import Axes3D, Figure
+from ._style import NOTE, TICK, TITLE, Axes3D, Figure
 
 _PAD = 0.04  # of the largest extent, around the points
 _THINNEST = 0.25  # of the largest extent: a flatter box has no room for its own tick labels
 _TITLE, _LEGEND = 0.35, 0.45  # inches above each panel and below all of them
 
 
-def space_panels(
-    figure: Figure, points: np.ndarray, titles: Sequence[str], columns: int, fontsize: float = 11
-) -> list[Axes3D]:
+def space_panels(figure: Figure, points: np.ndarray, titles: Sequence[str], columns: int) -> list[Axes3D]:
     """One panel a title, in rows of `columns`, all with the same view of a box around `points` [S, 3], m."""
     figure.set_layout_engine("none")  # the layout engines know nothing of what sticks out of a 3-D box
     rows = -(-len(titles) // columns)
@@ -33,7 +31,7 @@ def space_panels(
         axes.set_box_aspect(size, zoom=zoom)
         axes.set_position((left + shift[0], bottom + shift[1], width, height - title))
         up = 1 + (0.6 * title - shift[1]) / (height - title)
-        axes.set_title(text, fontsize=fontsize, x=0.5 - shift[0] / width, y=up, pad=0)
+        axes.set_title(text, fontsize=TITLE, x=0.5 - shift[0] / width, y=up, pad=0)
         panels.append(axes)
     return panels
 
@@ -59,8 +57,8 @@ def _set_box(axes: Axes3D, points: np.ndarray) -> np.ndarray:
     for name, axis, length in zip("xyz", three, size, strict=True):
         axis.get_major_locator().set_params(nbins=max(round(5 * length / size.max()), 2))
         axis.set_pane_color((1, 1, 1, 0))
-        axis.set_label_text(f"{name} (m)", fontsize=9.5)
-    axes.tick_params(labelsize=8, pad=0)
+        axis.set_label_text(f"{name} (m)", fontsize=TICK)
+    axes.tick_params(labelsize=NOTE, pad=0)
     return size
 
 

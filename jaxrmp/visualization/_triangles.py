@@ -6,9 +6,10 @@ from typing import Any
 import numpy as np
 
 from .._errors import ShapeError
+from .._palette import BLACK, BLUE, GOAL, VERMILLION, WHITE
 from ..learning import PreparedDemonstrations, Reproduction, resample_by_arc_length
 from ._space import space_panels
-from ._style import BLACK, BLUE, GOAL, VERMILLION, Axes3D, Figure, legend_below, new_figure
+from ._style import LINE, MARKER, STAR, THICK, Axes3D, Figure, legend_below, new_figure
 
 _INSTANTS = 8
 
@@ -32,17 +33,17 @@ def triangle_figure(prepared: PreparedDemonstrations, reproduction: Reproduction
             f"demonstrations of {K} control points. Reproduce these demonstrations."
         )
     columns = min(N, 3)
-    figure = new_figure(4.2 * columns, 3.3 * -(-N // columns) + 0.45)
+    figure = new_figure(2.6 * -(-N // columns) + 0.45)
     space = np.concatenate([p.reshape(-1, 3) for p in (*prepared.points, *reproduction.points)])
     titles = [f"demonstration {n}: {_how_far(errors)}" for n, errors in enumerate(reproduction.errors)]
     panels = space_panels(figure, space, titles, columns)
     for axes, demonstrated, reproduced in zip(panels, prepared.points, reproduction.points, strict=True):
-        _draw(axes, demonstrated, BLUE, 2.4, "demonstrated")
-        _draw(axes, reproduced, VERMILLION, 1.1, "reproduced")
+        _draw(axes, demonstrated, BLUE, THICK, "demonstrated")
+        _draw(axes, reproduced, VERMILLION, LINE, "reproduced")
         start, goal = demonstrated[[0, -1]].mean(1)
         ends = {"linestyle": "", "markeredgecolor": BLACK, "zorder": 10, "clip_on": False}
-        axes.plot(*start[:, None], marker="o", color="white", markersize=6, label="start", **ends)
-        axes.plot(*goal[:, None], marker="*", color=GOAL, markersize=13, label="goal", **ends)
+        axes.plot(*start[:, None], marker="o", color=WHITE, markersize=MARKER, label="start", **ends)
+        axes.plot(*goal[:, None], marker="*", color=GOAL, markersize=STAR, label="goal", **ends)
     legend_below(figure, panels[0])
     return figure
 
@@ -69,5 +70,5 @@ def _draw(axes: Axes3D, points: np.ndarray, color: str, width: float, label: str
     axes.plot(*points.mean(1).T, color=color, linewidth=0.7 * width, clip_on=False)
     marker = "o" if points.shape[1] == 1 else None
     axes.plot(
-        *outlines(points).T, color=color, linewidth=width, marker=marker, markersize=4, label=label, clip_on=False
+        *outlines(points).T, color=color, linewidth=width, marker=marker, markersize=MARKER, label=label, clip_on=False
     )

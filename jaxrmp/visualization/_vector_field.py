@@ -4,10 +4,25 @@ import jax
 import numpy as np
 
 from .._errors import ConfigurationError, UnknownNameError
+from .._palette import BLACK, BLUE, GOAL, GREY, VERMILLION, WHITE
 from ..learning import Learning
 from ..learning._potential_choice import cosines
 from ._plane import Plane, demonstration_plane, field_on_plane, fields_at
-from ._style import BLACK, BLUE, GOAL, GREY, VERMILLION, Axes, Figure, label_axes, legend_below, new_figure
+from ._style import (
+    LABEL,
+    LINE,
+    MARKER,
+    STAR,
+    THICK,
+    THIN,
+    TICK,
+    TITLE,
+    Axes,
+    Figure,
+    label_axes,
+    legend_below,
+    new_figure,
+)
 
 _GRID = 101  # points along the longer side
 _MARGIN = 0.15  # of the longer side
@@ -41,28 +56,29 @@ def vector_field_figure(learning: Learning, subtask: int = 0) -> Figure:
     _, *at_demonstrations = fields_at(learned, positions)
 
     width, height = np.ptp(field.u), np.ptp(field.v)
-    figure = new_figure(11.0, float(np.clip(4.6 * height / width, 2.0, 6.0)) + 1.8)
+    figure = new_figure(float(np.clip(3.1 * height / width, 1.6, 4.4)) + 1.7)
     panels = figure.subplots(1, 2, sharex=True, sharey=True)
     titles = (r"potential alone, $-\nabla\Phi$", r"warped by the metric, $-M^{-1}\nabla\Phi$")
     low, high = field.potential.min(), field.potential.max()
     darkest = low - 1.3 * (high - low)  # only light greys, so that lines stand out
     for axes, title, flow, at in zip(panels, titles, (field.descent, field.warped), at_demonstrations, strict=True):
         contours = axes.contourf(field.u, field.v, field.potential, 18, cmap="Greys_r", vmin=darkest, vmax=high)
-        axes.contour(field.u, field.v, field.potential, contours.levels, colors="white", linewidths=0.8)
+        axes.contour(field.u, field.v, field.potential, contours.levels, colors=WHITE, linewidths=THIN)
         axes.streamplot(
-            field.u, field.v, flow[..., 0], flow[..., 1], color=GREY, linewidth=0.7, arrowsize=0.8, density=1.3
+            field.u, field.v, flow[..., 0], flow[..., 1], color=GREY, linewidth=THIN, arrowsize=0.7, density=1.1
         )
         _demonstrations(axes, paths, learning.paper.nominal[subtask])
         cosine = cosines(at, directions, positions).mean()
-        caption = f"{title}\nmean cosine to the demonstrated directions {cosine:.3f}"
+        caption = f"{title}\nmean cosine to the demonstrations {cosine:.3f}"
         label_axes(axes, _axis_label(plane, 0), _axis_label(plane, 1), caption)
         axes.grid(False)
         axes.set(aspect="equal", xlim=field.u[[0, -1]], ylim=field.v[[0, -1]])
     panels[1].set_ylabel("")
     bar = figure.colorbar(contours, ax=panels, shrink=0.8, pad=0.02, format="%.2f")
-    bar.set_label(r"potential $\Phi$ (m)", fontsize=11)
+    bar.ax.tick_params(labelsize=TICK)
+    bar.set_label(r"potential $\Phi$ (m)", fontsize=LABEL)
     share = f"plane with {100 * plane.share:.1f} % of the demonstrations' spread"
-    figure.suptitle(f"{learning.skill.configuration.name}, {names[subtask]}: {share}", fontsize=12)
+    figure.suptitle(f"{learning.skill.configuration.name}, {names[subtask]}: {share}", fontsize=TITLE)
     legend_below(figure, panels[0])
     return figure
 
@@ -70,11 +86,11 @@ def vector_field_figure(learning: Learning, subtask: int = 0) -> Figure:
 def _demonstrations(axes: Axes, paths: np.ndarray, nominal: int) -> None:
     others = [path for n, path in enumerate(paths) if n != nominal]
     for n, path in enumerate(others):
-        axes.plot(*path.T, color=BLUE, linewidth=1.5, label="demonstrations" if n == 0 else None)
-    axes.plot(*paths[nominal].T, color=VERMILLION, linewidth=2.6, label="nominal demonstration")
+        axes.plot(*path.T, color=BLUE, linewidth=LINE, label="demonstrations" if n == 0 else None)
+    axes.plot(*paths[nominal].T, color=VERMILLION, linewidth=THICK, label="nominal demonstration")
     starts = paths[:, 0].T
-    axes.plot(*starts, "o", color="white", markeredgecolor=BLACK, markersize=5, label="starts", zorder=5)
-    axes.plot(0, 0, "*", color=GOAL, markeredgecolor=BLACK, markersize=15, label="goal", zorder=6)
+    axes.plot(*starts, "o", color=WHITE, markeredgecolor=BLACK, markersize=MARKER, label="starts", zorder=5)
+    axes.plot(0, 0, "*", color=GOAL, markeredgecolor=BLACK, markersize=STAR, label="goal", zorder=6)
 
 
 def _grid(paths: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -88,4 +104,4 @@ def _grid(paths: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def _axis_label(plane: Plane, axis: int) -> str:
     components = ", ".join(f"{c:.2f}".replace("-", "\u2212") for c in plane.axes[axis])
-    return f"position along ({components}) (m)"
+    return f"position along\n({components}) (m)"

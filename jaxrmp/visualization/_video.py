@@ -21,7 +21,8 @@ from ..simulation import Run
 from ._framing import framing
 
 _SIZE = 720, 1280
-_SNAPSHOT = 480, 600
+_SNAPSHOT = 640, 800  # of that, the middle; shown at half that size, so that edges are smooth
+_COLUMNS = 3  # that many side by side are as wide as the figures
 _LOOKED = 12  # states of a trial that the camera is to hold
 _PER_SECOND = 25  # every second sample of a trace
 _ENCODING = {
@@ -81,7 +82,9 @@ def save_video(run: Run, path: str | os.PathLike, trials: int = 3) -> Path:
 
 
 def snapshots(run: Run, trial: int = 0, count: int = 6) -> np.ndarray:
-    """Pictures of trial `trial` of `run` at `count` instants even in time, side by side: [height, count width, 3].
+    """Pictures of trial `trial` of `run` at `count` instants even in time, three side by side: [height, width, 3].
+
+    As wide as the figures; rows follow one another, and the last is filled up in white.
 
     Rana et al. 2019, figures 3, 5, 7 and 8. **Raises** `ConfigurationError` where MuJoCo cannot draw.
     """
@@ -93,7 +96,11 @@ def snapshots(run: Run, trial: int = 0, count: int = 6) -> np.ndarray:
     rows, columns = (
         slice((whole - part) // 2, (whole + part) // 2) for whole, part in zip(_SIZE, _SNAPSHOT, strict=True)
     )
-    return np.concatenate([frame[rows, columns] for frame in frames], axis=1)
+    halves = (_SNAPSHOT[0] // 2, 2, _SNAPSHOT[1] // 2, 2, 3)
+    small = [frame[rows, columns].reshape(halves).mean((1, 3)).round().astype(np.uint8) for frame in frames]
+    small += [np.full_like(small[0], 255)] * (-count % _COLUMNS)
+    across = [np.concatenate(small[k : k + _COLUMNS], axis=1) for k in range(0, len(small), _COLUMNS)]
+    return np.concatenate(across, axis=0)
 
 
 def _pictured(run: Run, smooth: bool = False) -> Run:

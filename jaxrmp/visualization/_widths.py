@@ -3,8 +3,9 @@
 import numpy as np
 
 from .._errors import ConfigurationError
+from .._palette import BLACK, GOAL, GREY
 from ..learning import Learning
-from ._style import BLACK, GOAL, GREY, MARKERS, Figure, label_axes, legend_below, new_figure, series_style
+from ._style import MARKERS, STAR, Figure, label_axes, legend_below, new_figure, series_style
 
 
 def width_figure(learning: Learning) -> Figure:
@@ -19,7 +20,7 @@ def width_figure(learning: Learning) -> Figure:
     """
     if learning.paper is None:
         raise ConfigurationError("a flow has no potentials, and so no kernel widths. Learn with method = 'paper'.")
-    figure = new_figure(12.0, 4.2)
+    figure = new_figure()
     panels = figure.subplots(1, 3)
     names, K = learning.skill.subtasks, len(learning.skill.subtasks)
     tried = sorted({100 * trial.width for choice in learning.paper.potentials for trial in choice.trials})
@@ -35,17 +36,17 @@ def width_figure(learning: Learning) -> Figure:
         # Hollow markers of different sizes, so that equal values show one inside the other.
         size = 5 + 2.5 * (K - 1 - k)
         marker = {"marker": MARKERS[k % len(MARKERS)], "markersize": size, "markerfacecolor": "none"}
-        line = {"linewidth": 1.3, **marker, **style}
+        line = {**marker, **style}
         for axes, values, at in zip(panels, measures, best, strict=False):
             axes.plot(width, values, label=name, **line)
-            axes.plot(chosen, at, "*", color=GOAL, markeredgecolor=style["color"], markersize=14, zorder=5)
+            axes.plot(chosen, at, "*", color=GOAL, markeredgecolor=style["color"], markersize=STAR, zorder=5)
         shares = [100 * t.basin.share_reached if t.basin else np.nan for t in trials]
         offset = 0.7 * gap * ((k + 0.5) / K - 0.5)
         panels[2].bar(width + offset, shares, 0.6 * gap / K, color=style["color"])
     if failed:
         foot = panels[0].get_xaxis_transform()
         panels[0].plot(failed, np.full(len(failed), 0.03), "x", color=GREY, transform=foot, label="could not be fitted")
-    panels[0].plot([], [], "*", color=GOAL, markeredgecolor=BLACK, markersize=12, linestyle="", label="chosen")
+    panels[0].plot([], [], "*", color=GOAL, markeredgecolor=BLACK, markersize=STAR, linestyle="", label="chosen")
     label_axes(panels[0], "kernel width (cm)", "mean cosine", "alignment with the demonstrations")
     label_axes(panels[1], "kernel width (cm)", "share of samples (%)", r"beyond 90° of the demonstrations")
     label_axes(panels[2], "kernel width (cm)", "share of starts (%)", "starts that reach the goal (best widths)")

@@ -164,11 +164,13 @@ def test_columns_that_say_nothing_are_left_out_of_tables():
 
 def test_settings_are_told_in_words_and_a_video_is_in_the_page(tmp_path):
     said = {
-        "configuration": {"policy": {"damping_rate": 40.0, "tempo": None}, "subtasks": [{"frame": "hand"}], "on": True}
+        "configuration": {"policy": {"damping_rate": 40.0, "tempo": None}, "subtasks": [{"frame": "hand"}], "on": True},
+        "versions": {"jax": "1.2", "start_margin_rad": 0.05},
     }
     page = settings(said, ("configuration", "versions"))
     cells = re.findall("<td>(.*?)</td>", page)
-    assert cells == ["policy: damping rate", "40", "subtasks 1: frame", "hand", "on", "yes"]
+    assert cells[:6] == ["policy: damping rate", "40", "subtasks 1: frame", "hand", "on", "yes"]
+    assert cells[6:] == ["jax", "1.2", "start margin, rad", "0.05"]
     (tmp_path / "run.mp4").write_bytes(b"film")
     assert 'src="data:video/mp4;base64,ZmlsbQ=="' in video(tmp_path / "run.mp4", "A film.")
 

@@ -179,11 +179,29 @@ def test_links_lead_to_files(text):
             assert (path.parent / target).exists(), f"{text} links to {target}"
 
 
-def test_every_leaf_is_in_the_table():
+def leaf_classes():
+    """Public leaves by their address."""
     from jaxrmp import Leaf, leaves
 
-    table = (ROOT / "docs" / "leaves.md").read_text(encoding="utf-8")
-    names = [n for n, v in vars(leaves).items() if isinstance(v, type) and issubclass(v, Leaf)]
-    assert names
-    for name in names:
-        assert f"`leaves.{name}`" in table
+    found = {f"{m.__name__}.{n}": v for m in (leaves, leaves.lula) for n, v in vars(m).items() if isinstance(v, type)}
+    return [address for address, leaf in found.items() if issubclass(leaf, Leaf)]
+
+
+@pytest.mark.parametrize("address", leaf_classes())
+def test_every_leaf_has_a_row_that_leads_to_its_reference_and_if_ours_a_formula(address):
+    text = (ROOT / "docs" / "leaves.md").read_text(encoding="utf-8")
+    part, name = address.split(".")[-2:]
+    label = name if part == "leaves" else f"lula.{name}"
+    assert re.search(rf"^\| \[`{name}`\]\[{label}\] \| \w[^|]+ \|$", text, re.MULTILINE)
+    assert f"\n[{label}]: reference/{part}.md#{address}\n" in text
+    if part == "leaves":
+        assert re.search(rf"^- `leaves\.{name}`[:,].*\$", text, re.MULTILINE)
+
+
+def test_the_tables_of_leaves_are_narrow():
+    text = (ROOT / "docs" / "leaves.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\|.*", text, re.MULTILINE)
+    assert len(rows) > len(leaf_classes())
+    for row in rows:
+        assert row.count("|") == 3 and len(row) <= 120, row
+        assert "$" not in row, f"a formula in a table: {row}"

@@ -60,6 +60,13 @@ def test_formulas_are_drawn(site):
         ), name
 
 
+def test_rows_of_leaves_lead_to_entries_of_the_reference(site):
+    cells = re.findall(r'<td><a [^>]*href="([^"#]+)#([^"]+)"', (site / "leaves.html").read_text(encoding="utf-8"))
+    assert len(cells) > 20
+    for page, anchor in cells:
+        assert f'id="{anchor}"' in (site / page).read_text(encoding="utf-8"), anchor
+
+
 def test_nothing_is_fetched(site):
     pages = list(site.rglob("*.html"))
     assert len(pages) > 25

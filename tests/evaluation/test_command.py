@@ -1,5 +1,7 @@
 """`jaxrmp evaluate` as a user calls it, on a small skill."""
 
+import base64
+import io
 import json
 import re
 from dataclasses import replace
@@ -8,11 +10,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from matplotlib.image import imread
 
 from jaxrmp import ConfigurationError
 from jaxrmp.cli import main
 from jaxrmp.cli._evaluate import summary
-from jaxrmp.evaluation import check_starts, sample_starts, scene_problem
+from jaxrmp.evaluation import KINDS, check_starts, sample_starts, scene_problem
 from jaxrmp.kinematics import ControlPoints, forward_kinematics, panda
 from jaxrmp.learning import (
     Configuration,
@@ -25,6 +28,7 @@ from jaxrmp.learning import (
 )
 from jaxrmp.leaves import Damping, JointLimit, Learned, NominalPotential
 from jaxrmp.scenes import scene
+from jaxrmp.visualization._style import DPI, WIDTH
 
 HOME = np.array([0.0, -0.3, 0.0, -1.9, 0.0, 1.7, 0.8], np.float32)
 FAST = ["--dt", "0.002", "--batch", "16", "--duration", "20", "--seed", "4"]
@@ -121,7 +125,17 @@ def test_the_page_needs_nothing_else(report):
     page = report[1]
     assert page.count("data:image/png;base64,") == 4
     assert not re.search(r"(src|href)=\"(?!data:)", page)
+    for picture in re.findall(r"data:image/png;base64,([^\"]+)", page):
+        assert imread(io.BytesIO(base64.b64decode(picture))).shape[1] == WIDTH * DPI
     assert "By start region" in page and f"{100 * report[0]['converged']:.2f} %" in page
+
+
+def test_regions_have_no_column_of_an_end_that_no_start_had(report):
+    found, page = report[:2]
+    heads = re.findall("<th>(.*?)</th>", page.split("By start region")[1].split("</table>")[0])
+    had = {name.replace("_", " ") for name in KINDS.values() if found[name]}
+    assert had and len(had) < len(KINDS)
+    assert set(heads) == {"region", "starts", "median time, s"} | had
 
 
 def test_a_start_is_replayed_by_its_index(skill_file, report, tmp_path):

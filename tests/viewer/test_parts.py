@@ -12,6 +12,7 @@ from jax.tree_util import Partial
 
 from jaxrmp import Batched, Identity, batched, certificate, pullback
 from jaxrmp._errors import ConfigurationError, DemonstrationError, MissingDependencyError
+from jaxrmp._palette import SERIES
 from jaxrmp.cli import main
 from jaxrmp.inspection import inspect
 from jaxrmp.kinematics import panda
@@ -23,7 +24,7 @@ from jaxrmp.viewer._goal import Resting, goal_words
 from jaxrmp.viewer._inputs import gain_value, gains_of, with_gain
 from jaxrmp.viewer._live import Reading, Situation
 from jaxrmp.viewer._loop import LiveLoop
-from jaxrmp.viewer._plots import round_end
+from jaxrmp.viewer._plots import round_end, stroke
 from jaxrmp.viewer._push import Push
 from jaxrmp.viewer._real_time import Rates, RealTime
 from jaxrmp.viewer._recorder import TARGET, Recorder
@@ -416,3 +417,9 @@ def test_gains_are_saved_in_files_that_are_read_again(tmp_path, door_learning):
     said = save_gains({"learned.speed": 0.31, "hand_orientation.weight": 1.0}, copy, door_learning.skill, False)
     assert "with learned.speed in" in said and said.endswith("no place for them: hand_orientation.weight.")
     assert gain_value(load_skill(copy), "learned.speed") == pytest.approx(0.31)
+
+
+def test_series_of_a_chart_are_drawn_as_those_of_figures_and_no_two_alike():
+    drawn = [stroke(k) for k in range(20)]
+    assert [s["stroke"] for s in drawn[:6]] == list(SERIES[:6]) and not any("dash" in s for s in drawn[:7])
+    assert len({(s["stroke"], s.get("dash")) for s in drawn}) == 20

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from jaxrmp import ConfigurationError
-from jaxrmp.visualization import _video, save_video
+from jaxrmp.visualization import _video, save_video, snapshots
+from jaxrmp.visualization._style import DPI, WIDTH
 
 SAMPLES = 80
 RUN = SimpleNamespace(
@@ -29,7 +30,7 @@ def drawn(monkeypatch):
         return picture
 
     monkeypatch.setattr(_video, "_renderer", lambda model: nullcontext())
-    monkeypatch.setattr(_video, "_pictured", lambda run: run)
+    monkeypatch.setattr(_video, "_pictured", lambda run, smooth=False: run)
     monkeypatch.setattr(_video, "_camera", lambda run, trials, part: None)
     monkeypatch.setattr(_video, "_frame", frame)
     return kept
@@ -62,3 +63,13 @@ def test_where_drawing_fails_nothing_is_left(drawn, tmp_path, monkeypatch):
     with pytest.raises(ZeroDivisionError):
         save_video(RUN, tmp_path / "run.mp4")
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(("count", "rows"), [(6, 2), (4, 2), (1, 1)])
+def test_snapshots_are_as_wide_as_figures_and_in_the_order_of_time(drawn, count, rows):
+    picture = snapshots(RUN, count=count)
+    height, width, _ = picture.shape
+    assert width == WIDTH * DPI and height == rows * 320
+    instants = np.linspace(0, SAMPLES - 1, count).round()
+    shown = picture.reshape(rows, height // rows, 3, width // 3, 3).mean((1, 3, 4)).ravel()
+    np.testing.assert_array_equal(shown, [*instants, *[255] * (3 * rows - count)])
