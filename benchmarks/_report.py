@@ -2,12 +2,15 @@
 
 import datetime
 import json
+import math
 import os
 import platform
 from collections.abc import Sequence
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 FOLDER = Path("out") / "benchmarks"
 _PACKAGES = ("jaxrmp", "jax", "jaxlib", "numpy", "cvxpy", "mujoco", "mujoco-mjx", "torch", "pytorch_kinematics", "frax")
@@ -36,10 +39,16 @@ def write_json(rows: Sequence[dict[str, Any]], file: Path, *, quick: bool, secon
         "load_average": [round(load, 2) for load in os.getloadavg()] if hasattr(os, "getloadavg") else None,
         "seconds": round(seconds, 1),
         "quick": quick,
-        "rows": list(rows),
+        "rows": [{name: _plain(value) for name, value in row.items()} for row in rows],
     }
     file.parent.mkdir(parents=True, exist_ok=True)
     file.write_text(json.dumps(content, indent=1) + "\n")
+
+
+def _plain(value: Any) -> Any:
+    """As JSON has it: a Python number, and null for one that is not finite."""
+    value = value.item() if isinstance(value, np.generic) else value
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def machine() -> str:

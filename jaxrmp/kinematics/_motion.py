@@ -98,9 +98,10 @@ def known_motion(
     model: KinematicModel, bodies: tuple[int, ...], moving: bool
 ) -> tuple[dict[int, BodyMotion], dict[int, JointAxis]]:
     """A motion in which every number is a float that is known whatever `q` and `qd` are."""
-    unknown = np.ones(len(model.joint_names), np.float32)
-    turns: Turns = dict.fromkeys(range(len(model.joints)), (unknown[0], unknown[0]))
+    one = np.float32(1)  # no float
+    turns: Turns = dict.fromkeys(range(len(model.joints)), (one, one))
     turns.update(_locked_turns(model, range(len(model.joints))))
+    unknown = np.full(len(model.joint_names), one)
     return _chain(model, bodies, unknown, unknown if moving else None, turns)
 
 

@@ -8,7 +8,7 @@ Featherstone, Rigid Body Dynamics Algorithms, chapters 2 and 4.
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -47,18 +47,18 @@ class Sweep(NamedTuple):
     velocity: jax.Array
 
 
-def layout(model: KinematicModel, joints: Sequence[int], bodies: Sequence[int]) -> Layout:
+def layout(model: KinematicModel, joints: Sequence[int], bodies: Sequence[int], dtype: Any) -> Layout:
     """Which of `joints` are above which of them, and of `bodies`, each one or one for every point."""
     above = {b: model.joints_above(b, locked=True) for b in {*bodies, *(model.joints[i].body for i in joints)}}
     own = {i: above[model.joints[i].body] for i in joints}
-    rates = np.zeros((len(joints), len(model.joint_names)))
+    rates = np.zeros((len(joints), len(model.joint_names)), dtype)
     for k, i in enumerate(joints):
         if model.joints[i].coordinate >= 0:
             rates[k, model.joints[i].coordinate] = model.joints[i].multiplier
     return Layout(
-        np.array([[float(j in own[i][: own[i].index(i)]) for i in joints] for j in joints]),
-        np.array([[float(j in above[b]) for b in bodies] for j in joints]),
-        np.array([float(model.joints[i].kind == "revolute") for i in joints]),
+        np.array([[j in own[i][: own[i].index(i)] for i in joints] for j in joints], dtype),
+        np.array([[j in above[b] for b in bodies] for j in joints], dtype),
+        np.array([model.joints[i].kind == "revolute" for i in joints], dtype),
         rates,
     )
 
@@ -71,9 +71,7 @@ def swept(layout: Layout, places: Places, rate: jax.Array) -> Sweep:
     twists = jnp.concatenate([spin, moved - spin - cross(spin, anchors)])
     omega_above, moment_above = jnp.split(matmul(twists, layout.above_joints), 2)
     omega, moment = jnp.split(matmul(twists, layout.above), 2)
-    return Sweep(
-        spin, omega_above, cross(omega_above, anchors) + moment_above, omega, cross(omega, origins) + moment
-    )
+    return Sweep(spin, omega_above, cross(omega_above, anchors) + moment_above, omega, cross(omega, origins) + moment)
 
 
 def place_changes(sweep: Sweep, places: Places) -> Places:

@@ -1,4 +1,4 @@
-"""Derivatives of a robot's motion from where its joints' axes are, instead of back through every operation of the chain.
+"""Derivatives of a robot's motion from where its joints' axes are, not back through every operation of the chain.
 
 They are a few dozen operations on arrays, where the scalars of the chain make thousands, which take a compiler longer
 than all else in a policy.
@@ -26,9 +26,12 @@ def with_slopes(
     """What `chain(q, qd, turns, *others)` gives, with derivatives by `slopes`.
 
     **Arguments**: `known`, the chain's result, where a number is a float if it is known beforehand, as it then is in
-    the result; all else there are arrays; `slopes`, of all arguments and of the changes of `q`, `qd` and `others`, to
-    the result and its change, both as lists of leaves; `turns`, those at `q`, whose changes are not asked for.
+    the result; all else there are arrays; last in it are the joints' axes; `slopes`, of all arguments and of the
+    changes of `q`, `qd` and `others`, to the result and its change, both as lists of leaves; `turns`, those at `q`,
+    whose changes are not asked for.
     """
+    if not known[-1]:  # no joint moves any of it
+        return chain(q, qd, turns, *others)
     q = jnp.asarray(q)
     leaves, structure = jax.tree.flatten(known)
     found = [k for k, leaf in enumerate(leaves) if not isinstance(leaf, float)]
@@ -55,7 +58,7 @@ def slopes_of_bodies(model: KinematicModel, at_rest: Callable[..., Any], argumen
     """Motions of bodies and axes of joints, and their changes; `at_rest(q, turns)` gives them without velocities."""
     (q, qd, turns), (dq, dqd) = arguments, changes
     motions, axes = at_rest(q, turns=turns)
-    of = layout(model, sorted(axes), sorted(motions))
+    of = layout(model, sorted(axes), sorted(motions), q.dtype)
     places, rotations = _places(motions, axes, q.dtype)
     sweep = swept(of, places, matmul(of.rates, dq))
     slopes = place_changes(sweep, places)
@@ -76,9 +79,9 @@ def slopes_of_points(
     """
     (q, qd, turns, offsets), (dq, dqd, doffsets) = arguments, changes
     motions, axes = at_rest(q, turns=turns)
-    of = layout(model, sorted(axes), bodies)
+    of = layout(model, sorted(axes), bodies, q.dtype)
     origins, rotations = _places(motions, axes, q.dtype)
-    of_points = np.array([[float(b == body) for body in bodies] for b in sorted(motions)])
+    of_points = np.array([[b == body for body in bodies] for b in sorted(motions)], q.dtype)
     R = matmul(rotations.reshape(9, -1), of_points).reshape(3, 3, -1)
     places = origins._replace(origins=matmul(origins.origins, of_points) + jnp.sum(R * offsets, axis=1))
     slopes = place_changes(swept(of, places, matmul(of.rates, dq)), places)

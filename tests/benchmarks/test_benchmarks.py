@@ -185,6 +185,13 @@ def test_bars_are_judged_by_the_json(tmp_path):
     assert verdicts["Lula Franka, one call, median"] == "measured"  # not measured
 
 
+def test_numbers_of_numpy_and_none_at_all_are_written(tmp_path):
+    row = {"name": "door", "lost": np.isfinite([1.0, 2.0]).sum(), "found_s": np.inf, "ms": np.float32(0.5)}
+    write_json([row], tmp_path / "rows.json", quick=True, seconds=1.0)
+    (read,) = json.loads((tmp_path / "rows.json").read_text())["rows"]
+    assert read == {"name": "door", "lost": 2, "found_s": None, "ms": 0.5}
+
+
 def test_documents_are_filled_from_the_json(tmp_path):
     text = "Before.\n<!-- table: latency -->\nold\n<!-- end -->\nAfter.\n"
     with pytest.raises(SystemExit, match="latency.json is not there: python -m benchmarks latency"):

@@ -82,6 +82,8 @@ def test_cholesky_reads_the_lower_triangle_only(n):
     L = np.asarray(cholesky(jnp.asarray(scribbled)))
     np.testing.assert_allclose(L, np.linalg.cholesky(A), rtol=1e-12, atol=1e-12)
     assert (np.triu(L, 1) == 0).all()
+    slope = jax.grad(lambda A: jnp.sum(cholesky_solve(A, jnp.ones(n)) ** 2))(jnp.asarray(scribbled))
+    assert (np.triu(slope, 1) == 0).all() and (np.tril(slope) != 0).any()
 
 
 @pytest.mark.parametrize("shape", [(3,), (3, 2), (4, 2, 3)])
