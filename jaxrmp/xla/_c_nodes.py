@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 BITS, INDEX = 21, (1 << 21) - 1  # a place is a source's number and, in so many bits, an entry's
+_SMALL = 500  # entries, of which Python finds the different ones sooner than NumPy
 
 
 class Source(NamedTuple):
@@ -38,7 +39,8 @@ class Node(NamedTuple):
 
 def sources_of(places: np.ndarray) -> set[int]:
     """The sources of an operand's entries."""
-    return {int(s) for s in np.unique(places[places >= 0] >> BITS)}
+    held = places[places >= 0] >> BITS
+    return set((held if held.size < _SMALL else np.unique(held)).tolist())
 
 
 def used_by(node: Node) -> set[int]:

@@ -15,11 +15,13 @@ import jax
 import numpy as np
 import pytest
 
-from jaxrmp import ConfigurationError, learning, synthetic
+from jaxrmp import ConfigurationError, learning
 from jaxrmp.cli import main
 from jaxrmp.evaluation import evaluate, limit_leaf, sample_starts, skill_problem
 from jaxrmp.kinematics import panda
 from jaxrmp.simulation import KinematicEngine, StopCriteria
+
+from ..evaluation.reaching import reaching_skill
 
 CONFIG = str(Path(__file__).parents[2] / "configs" / "drawer_closing.toml")
 LONG = ["--starts", "100000", "--batch", "16", "--dt", "0.001"]
@@ -27,9 +29,7 @@ LONG = ["--starts", "100000", "--batch", "16", "--dt", "0.001"]
 
 @pytest.fixture(scope="module")
 def skill_file(tmp_path_factory):
-    configuration = learning.load_configuration(CONFIG, {"flow.updates": 50})
-    learned = learning.learn(configuration, panda(), synthetic.synthetic_demonstrations("drawer_closing"))
-    return str(learning.save_skill(learned.skill, tmp_path_factory.mktemp("skill") / "drawer.skill.npz"))
+    return str(learning.save_skill(reaching_skill(), tmp_path_factory.mktemp("skill") / "reach.skill.npz"))
 
 
 def started(*arguments: str, until: str) -> subprocess.Popen:
@@ -105,7 +105,8 @@ def _alive(pid: int) -> bool:
 
 def test_what_processes_say_is_labelled(skill_file, tmp_path):
     report = tmp_path / "report.json"
-    command = ["evaluate", skill_file, "--starts", "8", "--duration", "2", "--dt", "0.01", "--processes", "2"]
+    quick = ["--starts", "16", "--batch", "16", "--duration", "2", "--dt", "0.01"]  # in the batches of LONG
+    command = ["evaluate", skill_file, *quick, "--processes", "2"]
     environment = {**os.environ, "JAX_COMPILATION_CACHE_DIR": str(jax.config.jax_compilation_cache_dir or tmp_path)}
     done = subprocess.run(
         [sys.executable, "-m", "jaxrmp", *command, "--json", str(report)],
@@ -116,7 +117,7 @@ def test_what_processes_say_is_labelled(skill_file, tmp_path):
     )
     assert done.returncode == 0, done.stderr
     assert "process 0: " in done.stderr and "process 1: " in done.stderr
-    assert json.loads(report.read_text())["starts"] == 8
+    assert json.loads(report.read_text())["starts"] == 16
     assert list(tmp_path.glob("*.finished*")) == []
 
 
@@ -171,8 +172,8 @@ WRITES = [
 
 
 @pytest.mark.parametrize("command", WRITES, ids=lambda command: command[0])
-def test_a_disk_without_room_leaves_nothing_half_written(skill_file, tmp_path, capsys, command):
-    out = tmp_path / "out"
+def test_a_disk_without_room_leaves_nothing_half_written(learned_drawer, tmp_path, capsys, command):
+    skill_file, out = str(learned_drawer / "drawer_closing.skill.npz"), tmp_path / "out"
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (100, before[1]))  # files may have 100 bytes: what is longer fails
     try:
@@ -186,7 +187,8 @@ def test_a_disk_without_room_leaves_nothing_half_written(skill_file, tmp_path, c
 
 
 @pytest.mark.parametrize("command", WRITES, ids=lambda command: command[0])
-def test_a_place_that_takes_no_files_is_told(skill_file, tmp_path, capsys, command):
+def test_a_place_that_takes_no_files_is_told(learned_drawer, tmp_path, capsys, command):
+    skill_file = str(learned_drawer / "drawer_closing.skill.npz")
     (tmp_path / "file").write_text("")
     out = tmp_path / "file" / "out"
     assert main([word.replace("OUT", str(out)).replace("SKILL", skill_file) for word in command]) == 1

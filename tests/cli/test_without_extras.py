@@ -6,7 +6,10 @@ from pathlib import Path
 
 import pytest
 
+from jaxrmp.learning import save_skill
+
 from ..conftest import CONFIGS, base_of, environment
+from ..evaluation.reaching import reaching_skill
 
 HIDDEN = ("PYTHONPATH", "PYTHONHOME", "VIRTUAL_ENV")
 LEAST = ["--method", "paper", "--metric.updates=10", "--potential.widths=[0.05]", "--potential.basin_starts=10"]
@@ -72,8 +75,8 @@ def test_learning_asks_for_its_packages_before_it_reads_anything(bare_python):
     assert code == 1 and "flax is needed for this" in told and "jaxrmp[learning]" in told
 
 
-def test_an_evaluation_without_matplotlib(bare_python, learned_drawer, tmp_path):
-    skill = learned_drawer / "drawer_closing.skill.npz"
+def test_an_evaluation_without_matplotlib(bare_python, tmp_path):
+    skill = save_skill(reaching_skill(), tmp_path / "reach.skill.npz")
     quick = ["--starts", "4", "--duration", "0.1", "--dt", "0.05", "--html", tmp_path / "page.html"]
     code, results, told = said(bare_python, "evaluate", skill, *quick)
     assert code == 0, told

@@ -76,9 +76,9 @@ def test_commands_run(line, request, monkeypatch, tmp_path, capsys, can_draw):
     else:
         shutil.copytree(request.getfixturevalue("learned_drawer"), tmp_path / "out" / "drawer_closing")
     if arguments[0] == "run" and ".toml" not in line:
-        arguments += ["--trials", "2"]
+        arguments += ["--trials", "1", "--limit", "3"]
     if arguments[0] == "evaluate":
-        arguments += ["--starts", "4", "--duration", "2"]
+        arguments += ["--starts", "4", "--duration", "0.5"]
     if not can_draw and "--video" in arguments:
         at = arguments.index("--video")
         arguments[at : at + 2] = []

@@ -47,11 +47,14 @@ def arm_states(count):
     return middle + 0.2 * RNG.normal(size=(count, 7)), 0.3 * RNG.normal(size=(count, 7))
 
 
+GOAL = np.array([0.45, 0.35, 0.45])
+ARM = arm_states(5 * MANY)
+
+
 @needs_compiler
 @PRECISIONS
 def test_whole_policy_of_24_pairs(precision, tmp_path):
-    goal = np.array([0.45, 0.35, 0.45])
-    assert_c_is_jax(policy_24_pairs, precision, tmp_path, (goal,), *arm_states(5 * MANY))
+    assert_c_is_jax(policy_24_pairs, precision, tmp_path, (GOAL,), *ARM)
 
 
 @needs_compiler
@@ -107,8 +110,8 @@ int main(int count, char **names) {
 
 @needs_compiler
 def test_sanitizers_find_nothing(tmp_path):
-    goal = np.array([0.45, 0.35, 0.45], np.float32)
-    states = [a.astype(np.float32) for a in arm_states(300)]
+    goal, all_states = GOAL.astype(np.float32), [a.astype(np.float32) for a in ARM]
+    states = [a[:300].copy() for a in all_states]
     states[0][7, 2], states[1][9] = np.nan, 1e30
     found = export.c(policy_24_pairs, goal, states[0][0], states[1][0])
     source, _ = found.write(tmp_path)
@@ -121,7 +124,7 @@ def test_sanitizers_find_nothing(tmp_path):
     assert ran.returncode == 0 and not ran.stderr, ran.stderr
     results = np.frombuffer((tmp_path / "out").read_bytes(), layout(found.outputs))["result"]
     fine = np.setdiff1d(np.arange(300), [7, 9])
-    expected = by_jax(policy_24_pairs, (goal,), states)[0]
+    expected = by_jax(policy_24_pairs, (goal,), all_states)[0]  # as compiled above
     assert np.isnan(results[7]).all() and apart([results[fine]], [expected[fine]]) < 1e-3
 
 

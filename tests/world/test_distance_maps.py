@@ -1,11 +1,12 @@
 """The task maps from joint positions to distances: derivatives, and the defects that peers' maps have."""
 
-import dataclasses
+from dataclasses import fields, replace
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from jax.tree_util import Partial
 
 from jaxrmp import ConfigurationError, ShapeError, pushforward
 from jaxrmp._task_map import pushforward_by_autodiff
@@ -34,7 +35,7 @@ RADII = jnp.asarray([0.02, 0.05, 0.0, 0.1, 0.07])
 
 def maps(seed=0):
     world = random_world(seed)
-    smooth_world = dataclasses.replace(world, grids=())
+    smooth_world = replace(world, grids=())
     a, b = moving_points(1), moving_points(2)
     return {
         "spheres to obstacles": ObstacleDistances(a, world, RADII),
@@ -82,7 +83,7 @@ def test_capsules_meet_a_grid_as_the_sphere_that_it_samples():
 
 def line(start, direction):
     """A point that moves along a line: x [1] -> [1, 3]."""
-    return jax.tree_util.Partial(_along, jnp.asarray(start), jnp.asarray(direction))
+    return Partial(_along, jnp.asarray(start), jnp.asarray(direction))
 
 
 def _along(start, direction, x):
@@ -197,41 +198,53 @@ def test_pairs_are_ordered_by_point_and_then_by_obstacle():
 
 def test_inactive_obstacles_are_far_and_have_no_derivatives():
     x, xd = random_state(0)
-    spheres = Spheres.of([((0, 0, 0), 0.1)], capacity=2)
-    points = moving_points(0, 1)
-    for psi in (
-        ObstacleDistances(points, World(spheres=spheres), 0.3),
-        CapsuleDistances(points, moving_points(1, 1), World(spheres=spheres, boxes=Boxes.of(capacity=2)), 0.3),
-    ):
-        at = carry(psi, x, xd)
-        np.testing.assert_array_equal(at.y[1:], np.full(at.y.size - 1, FAR))
+    for psi in maps().values():
+        if isinstance(psi, SelfDistances):
+            continue
+        one = {kind: replace(slots, active=np.array([True, False])) for kind, slots in slots_of(psi.world).items()}
+        at = carry(replace(psi, world=replace(psi.world, **one)), x, xd)
+        everyone = carry(psi, x, xd)
+        off = np.tile([False, True] * 5 + [False] * len(psi.world.grids), 5)
+        np.testing.assert_array_equal(at.y[off], np.full(25, FAR))
+        for part, whole in zip(at, everyone, strict=True):
+            np.testing.assert_array_equal(part[~off], whole[~off])
         for part in at[1:]:
-            np.testing.assert_array_equal(part[1:], np.zeros_like(part[1:]))
-        for a, e in zip(at, carry_by_autodiff(psi, x, xd), strict=True):
-            np.testing.assert_allclose(a, e, atol=1e-10)
+            np.testing.assert_array_equal(part[off], np.zeros_like(part[off]))
+        for a, e in zip(at, carry_by_autodiff(replace(psi, world=replace(psi.world, **one)), x, xd), strict=True):
+            np.testing.assert_allclose(a[off], e[off], atol=1e-10)
+
+
+def slots_of(world):
+    return {f.name: getattr(world, f.name) for f in fields(world) if f.name != "grids"}
 
 
 def test_coinciding_spheres_and_degenerate_capsules_have_finite_derivatives():
+    """In the shapes of `maps`, which are compiled already."""
     x, xd = random_state(0)
-    center = moving_points(0, 1)(x)[0]
-    twice = ControlPoints(panda(), ("panda_hand", "panda_hand"))
-    T = random_poses(np.random.default_rng(0), 1)
+    smooth, apart = maps()["capsules to obstacles"], maps()["spheres to obstacles"]
+    center = smooth.points_a(x)[0]
+    T = random_poses(np.random.default_rng(0), 2)
     T[0, :3, 3] = center
-    world = World(
-        Spheres.of([(center, 0.1)]),
-        Capsules.of([(center, center, 0.1)]),
-        Boxes(T, [[0.1, 0.1, 0.1]]),
-        Cylinders(T, [0.1], [0.1]),
-    )
-    point = moving_points(0, 1)
+    there, size = jnp.asarray(np.stack([center, center])), np.full(2, 0.1)
+    at_the_point = {
+        "spheres": Spheres(there, size),
+        "capsules": Capsules(there, there, size),
+        "boxes": Boxes(T, np.full((2, 3), 0.1)),
+        "cylinders": Cylinders(T, size, size),
+    }
+    twice = Partial(_twice, apart.points)
     for psi in (
         SelfDistances(twice, ((0, 1),), 0.1),
-        ObstacleDistances(point, world, 0.1),
-        CapsuleDistances(point, point, world, 0.1),
-        CapsuleDistances(point, moving_points(1, 1), world, 0.1),
+        replace(apart, world=replace(apart.world, **at_the_point)),
+        replace(smooth, points_b=smooth.points_a, world=replace(smooth.world, **at_the_point)),
+        replace(smooth, world=replace(smooth.world, **at_the_point)),
     ):
         for part in (*carry(psi, x, xd), *carry_by_autodiff(psi, x, xd)):
             assert np.isfinite(part).all()
+
+
+def _twice(points, x):
+    return points(x)[jnp.array([0, 0])]
 
 
 def test_no_pairs_and_no_obstacles_give_no_distances():
@@ -265,9 +278,7 @@ def test_moving_the_world_and_changing_radii_does_not_retrace_and_has_a_gradient
     x, xd = random_state(0)
     psi = maps()["capsules to obstacles"]
     for seed in range(3):
-        nearest(
-            dataclasses.replace(psi, world=dataclasses.replace(random_world(seed), grids=()), radii=RADII * seed), x, xd
-        )
+        nearest(replace(psi, world=replace(random_world(seed), grids=()), radii=RADII * seed), x, xd)
     assert len(traces) == 1
     center = jnp.asarray([0.5, 0.0, 0.5])
 

@@ -28,30 +28,42 @@ def test_every_leaf_and_map_has_an_example_here(base, examples):
     assert not missing, f"give an example of {sorted(missing)}, so that it is compared with what is written"
 
 
-def values(function, *states):
-    return function(*states)
+def sloping(function, *states):
+    """What it gives, and that along a direction of the positions."""
+    *others, x, xd = states
+    return jax.jvp(lambda x: function(*others, x, xd), (x,), (jax.tree.map(lambda x: jnp.cos(3 * x), x),))
 
 
 def slopes(function, *states):
-    """Along a direction of the positions. What is differentiated is not taken apart."""
-    *others, x, xd = states
-    return jax.jvp(lambda x: function(*others, x, xd), (x,), (jax.tree.map(lambda x: jnp.cos(3 * x), x),))[1]
+    """What is differentiated is not taken apart."""
+    return sloping(function, *states)[1]
 
 
-def lanes(function, *states):
+def in_c(function, *states):
     """By C, where there is a compiler."""
     return in_lanes(function)(*states)
 
 
-WHAT = pytest.mark.parametrize("of", [values, slopes, lanes])
+def assert_as_written(all_of_them, *states, rtol, in_axes=0, by_c=True, names=None):
+    """What a batch gives by the machinery is what it gives as written: values, slopes and, if asked, values by C.
 
+    `all_of_them(of, *state)` is a list of what `of(function, *state)` gives of each function, by name if there are
+    names.
+    """
 
-def both(function, *states, in_axes=0):
-    """What a batch gives by the machinery, and as written."""
-    many = jax.jit(jax.vmap(function, in_axes))
+    def many(of):
+        return jax.jit(jax.vmap(partial(all_of_them, of), in_axes))(*states)
+
     with machinery(False):
-        expected = many(*states)
-    return many(*states), expected
+        expected, expected_slopes = zip(*many(sloping), strict=True)
+    ways = [(values, expected), (slopes, expected_slopes)] + [(in_c, expected)] * by_c
+    for of, right in ways:
+        for name, a, b in zip(names or [""], many(of), right, strict=True):
+            assert_same(a, b, rtol, f"{of.__name__} {name}")
+
+
+def values(function, *states):
+    return function(*states)
 
 
 def assert_same(found, expected, rtol, name=""):
@@ -64,21 +76,23 @@ def states(batch, shape):
     return 0.9 * RNG.uniform(-1, 1, (batch, *shape)) + 0.1, RNG.normal(size=(batch, *shape))
 
 
-@WHAT
-def test_every_leaf(of, x64):
-    def all_of_them(x, xd):
+def test_every_leaf(x64):
+    def all_of_them(of, x, xd):
         return [of(partial(of_leaf, leaf), x[n], xd[n]) for n, (leaf, _) in enumerate(LEAVES.values())]
 
     x, xd = zip(*(states(MANY, shape) for _, shape in LEAVES.values()), strict=True)
-    for kind, found, expected in zip(LEAVES, *both(all_of_them, x, xd), strict=True):
-        assert_same(found, expected, 1e-9, kind.__name__)
+    assert_as_written(all_of_them, x, xd, rtol=1e-9, names=[kind.__name__ for kind in LEAVES])
 
 
-@WHAT
+def alone(function):
+    """`function` as the only one of a list."""
+    return lambda of, *state: [of(function, *state)]
+
+
 @pytest.mark.parametrize("kind", MAPS, ids=lambda kind: kind.__name__)
-def test_every_map(kind, of, x64):
+def test_every_map(kind, x64):
     psi, shape = MAPS[kind]
-    assert_same(*both(partial(of, partial(of_map, psi)), *states(MANY, shape)), 1e-9)
+    assert_as_written(alone(partial(of_map, psi)), *states(MANY, shape), rtol=1e-9)
 
 
 def policy_24_pairs(goal, q, qd):
@@ -100,10 +114,9 @@ PARTS = {
 }
 
 
-@WHAT
-def test_whole_policy_of_24_pairs(of, x64):
+def test_whole_policy_of_24_pairs(x64):
     arguments = np.array([0.45, 0.35, 0.45]), *arm_states(MANY)
-    assert_same(*both(partial(of, policy_24_pairs), *arguments, in_axes=(None, 0, 0)), 1e-7)
+    assert_as_written(alone(policy_24_pairs), *arguments, rtol=1e-7, in_axes=(None, 0, 0))
 
 
 def test_what_should_be_taken_apart_is():
@@ -134,8 +147,7 @@ def test_many_coordinates_are_taken_apart_one_by_one_where_they_are_alike():
     assert_same(found, expected, 1e-4)
 
 
-@WHAT
-def test_a_skill(of, x64):
+def test_a_skill(x64):
     keys = jax.random.split(jax.random.key(0), 2)
     learned = pytest.importorskip("jaxrmp.learning._metric_network")
     factors = jax.vmap(lambda key: learned.initial_cholesky_factor(key, hidden=(16, 8), length_scale=0.1))(keys)
@@ -146,11 +158,10 @@ def test_a_skill(of, x64):
         tree = pullback(compose(HAND, jaxrmp.RigidTransform(T)), leaves)
         return acceleration(tree + JointLimit(ROBOT.lower, ROBOT.upper) + Damping(), q, qd)
 
-    assert_same(*both(partial(of, policy), np.eye(4), *arm_states(MANY), in_axes=(None, 0, 0)), 1e-5)
+    assert_as_written(alone(policy), np.eye(4), *arm_states(MANY), rtol=1e-5, in_axes=(None, 0, 0))
 
 
-@pytest.mark.parametrize("of", [values, slopes])  # its projection is a loop, which batches do not write in C
-def test_lula(of, x64):
+def test_lula(x64):
     folder = Path(os.environ.get("JAXRMP_DATA") or os.devnull) / "lula"
     if not folder.is_dir():
         pytest.skip("needs NVIDIA's files: set JAXRMP_DATA to the folder that holds lula/")
@@ -163,7 +174,8 @@ def test_lula(of, x64):
         return loaded.acceleration(tree, q, qd)
 
     arguments = np.array(golden["position_target"]), *arm_states(MANY)
-    assert_same(*both(partial(of, policy), *arguments, in_axes=(None, 0, 0)), 1e-6)
+    # Its projection is a loop, which batches do not write in C.
+    assert_as_written(alone(policy), *arguments, rtol=1e-6, in_axes=(None, 0, 0), by_c=False)
 
 
 def test_the_switch_keeps_programs_apart():
