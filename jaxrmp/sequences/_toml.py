@@ -44,8 +44,8 @@ class SequenceFile(NamedTuple):
         return None if "start" not in self.content else np.asarray(self.content["start"], float)
 
     def check_robot(self, robot: Robot) -> None:
-        """**Raises** `ConfigurationError`, with the line of the file, where its start or a frame that it takes somewhere
-        is none of the `robot`'s, or a skill was learned on another."""
+        """**Raises** `ConfigurationError`, with the line of the file, for a start or a frame that is none of the
+        `robot`'s, or a skill that was learned on another."""
         if self.start is not None and self.start.shape != (robot.num_joints,):
             raise ConfigurationError(
                 f"{self._at(None, 'start')}: start has {self.start.size} numbers, and {robot.name!r} has "
