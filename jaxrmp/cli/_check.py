@@ -208,6 +208,20 @@ def _sequence(arguments: argparse.Namespace, found: _Findings) -> None:
     described = load_sequence(arguments.file)
     found.read = {"states": [str(state["name"]) for state in described.content["state"]]}
     found.read["skills"] = [skill.configuration.name for skill in described.skills if skill is not None]
+    first, given = described.first_skill, arguments.robot
+    if given is None and first is None:
+        found.add("note", "its frames and its start were not checked: give the arm with --robot FILE.")
+        return
+    named = (lambda: _named_robot(given)) if given or first is None else lambda: first.load_robot(None)
+    robot = found.attempt(named)
+    if robot is not None:
+        described.check_robot(robot)
+        found.read["fits the robot"] = robot.name
+    found.add("note", "what a scene has was not checked, such as its object: jaxrmp run does that before it begins.")
+
+
+def _named_robot(name: str) -> Robot:
+    return panda() if name == "panda" else load_robot(name)
 
 
 def _skill(arguments: argparse.Namespace, found: _Findings) -> None:
@@ -224,7 +238,7 @@ def _skill(arguments: argparse.Namespace, found: _Findings) -> None:
 
 
 def _demonstrations(arguments: argparse.Namespace, found: _Findings) -> None:
-    robot = (panda() if arguments.robot == "panda" else load_robot(arguments.robot)) if arguments.robot else None
+    robot = _named_robot(arguments.robot) if arguments.robot else None
     demonstrations = load_demonstrations(arguments.file, _recording(arguments), robot)
     found.read |= {
         "layout": demonstrations.layout,

@@ -24,6 +24,10 @@ _TELL = 5.0  # s between two lines of progress where there is no terminal
 
 def run(arguments: argparse.Namespace, rest: list[str]) -> None:
     kept = arguments.json and arguments.json.with_suffix(".finished.npz")
+    if arguments.replay is not None:
+        if arguments.resume:
+            raise ConfigurationError("--resume is for an evaluation of all starts, and --replay runs one of them.")
+        kept = None  # what is kept of all starts stays as it is
     if arguments.resume and not kept:
         raise ConfigurationError("--resume needs --json FILE, beside which finished starts were kept.")
     if arguments.processes > 1 and arguments.process is None:
@@ -119,11 +123,11 @@ def summary(found: dict[str, Any]) -> str:
     times = found["time_to_converge_s"]
     took = f"median {times['median']:.1f} s, longest {times['max']:.1f} s" if times else "none"
     touched = found["starts_that_touched"]
-    clearance = (
-        "not watched: nothing is known of the arm's shape"
-        if touched is None
-        else f"{found['min_clearance_m']:.3f} m ({touched} starts touched)"
-    )
+    clearance = "not watched: nothing is known of the arm's shape"
+    if touched is not None:
+        least = found["min_clearance_m"]
+        clearance = f"{least:.3f} m" if np.isfinite(least) else "not watched"
+        clearance += f" ({touched} starts touched)"
     lines = [
         f"starts                  {found['starts']}",
         f"converged               {100 * found['converged']:.2f} %  ({took})",

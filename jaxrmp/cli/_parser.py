@@ -358,7 +358,7 @@ _COMMANDS: dict[str, tuple[str, str, str, list[tuple[str, dict[str, Any]]]]] = {
         "robot.urdf --json check.json",
         [
             _argument("FILE", "the file, or the folder", type=Path),
-            _argument("--robot FILE", "of demonstrations and XRDF: the robot that they are for", type=str),
+            _argument("--robot FILE", "of demonstrations, a sequence or XRDF: its robot", type=str),
             _argument("--demos DIR", "of a configuration: demonstrations to check with it", type=str),
             *_RECORDED,
             _argument("--rmpflow FILE", "of an XRDF: the RMPflow configuration beside it"),

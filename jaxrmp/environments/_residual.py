@@ -8,10 +8,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._certificate import Certificate, uncertified_leaves
-from .._errors import ConfigurationError
+from .._errors import ConfigurationError, ShapeError
 from .._linalg import length as length_of
 from .._linalg import matmul
 from .._pytree import pytree, static
+from .._ranges import Finite, NonNegative, Positive
 from ..kinematics import forward_kinematics
 from ..policies import ArmPolicy
 from ..simulation import Motion, euler, within_velocity_limits
@@ -26,10 +27,10 @@ _FAR = 1.0  # clearances beyond are not told, m
 class Told(NamedTuple):
     """What a step was like, for rewards and for `info`.
 
-    `distance`, of the hands to their goals after it, the farthest, m; `clearance`, of the arm to obstacles, at most 1,
-    m; `touched`, whether that was 0 or less; `energy`, V of the policy; `put_in`, how much energy what was added to the
-    policy has put in since the start of the episode: V falls by what the policy dissipates, and rises by this;
-    `taken_out`, how much it took out; `action` [n], as it was taken.
+    `distance`, of the hands to their goals after it, the farthest, m; `clearance`, of the arm to obstacles, at most 1
+    m, and that where there are none; `touched`, whether that was 0 or less; `energy`, V of the policy; `put_in`, how
+    much energy what was added to the policy has put in since the start of the episode: V falls by what the policy
+    dissipates, and rises by this; `taken_out`, how much it took out; `action` [n], as it was taken.
     """
 
     distance: jax.Array
@@ -85,17 +86,18 @@ class ResidualEnvironment:
     A residual breaks the certificate of the policy, whatever it is learned to be: `residual_certificate` says so, and
     `Told.put_in` how much energy it has put in.
 
-    **Raises** `ConfigurationError` for times or limits that make no sense.
+    **Raises** `ConfigurationError` for times or limits that make no sense, or obstacles for a policy without spheres,
+    which would touch them unnoticed.
     """
 
     policy: ArmPolicy
-    start: jax.Array
-    T_world_target: jax.Array
+    start: Finite[jax.Array]
+    T_world_target: Finite[jax.Array]
     world: World
-    largest: jax.Array
-    acceleration_limit: jax.Array
-    spread: Any = 0.0
-    target_spread: Any = 0.0
+    largest: Finite[jax.Array]
+    acceleration_limit: Positive[jax.Array]
+    spread: NonNegative[Any] = 0.0
+    target_spread: NonNegative[Any] = 0.0
     reward: Callable[[Told], jax.Array] = static(default=sooner)
     length: int = static(default=200)
     dt: float = static(default=0.02)
@@ -105,6 +107,11 @@ class ResidualEnvironment:
         if self.length < 1 or self.substeps < 1 or not 0 < self.dt < np.inf:
             raise ConfigurationError(
                 f"length is {self.length!r}, substeps {self.substeps!r} and dt {self.dt!r}: expected positive numbers."
+            )
+        if self.world.size and not _watched(self.policy, self.world):
+            raise ConfigurationError(
+                f"world has {self.world.size} slots for obstacles and the policy no spheres, so that touching them "
+                "goes unnoticed: give spheres to reaching_policy or whole_arm_policy, or World()."
             )
 
     @property
@@ -120,7 +127,14 @@ class ResidualEnvironment:
 
 
 def reset(environment: ResidualEnvironment, key: jax.Array) -> tuple[EnvironmentState, jax.Array]:
-    """The first state of an episode of an `environment`, drawn by `key`, and what is seen of it [size]."""
+    """The first state of an episode of an `environment`, drawn by `key`, and what is seen of it [size].
+
+    **Raises** `ShapeError` for fields of other shapes than `ResidualEnvironment` says.
+    """
+    n = environment.joints
+    shapes = {"start": [(n,)], "largest": [(n,)], "acceleration_limit": [(n,)]}
+    for name, expected in (shapes | {"spread": [(), (n,)], "target_spread": [(), (3,)]}).items():
+        _check_shape(name, getattr(environment, name), expected)
     key, of_start, of_target = jax.random.split(key, 3)
     q = jnp.asarray(environment.start, jnp.float32)
     q = q + environment.spread * jax.random.uniform(of_start, q.shape, q.dtype, -1.0, 1.0)
@@ -137,8 +151,11 @@ def reset(environment: ResidualEnvironment, key: jax.Array) -> tuple[Environment
 
 
 def step(environment: ResidualEnvironment, state: EnvironmentState, action: jax.Array) -> Transition:
-    """A step of an `environment` from `state`, with an `action` [n], which is cut to [-1, 1]."""
-    action = jnp.clip(jnp.asarray(action, state.motion.q.dtype), -1.0, 1.0)
+    """A step of an `environment` from `state`, with an `action` [n], which is cut to [-1, 1].
+
+    **Raises** `ShapeError` for an action of another shape.
+    """
+    action = _cut(environment, state, action)
     h, tree = environment.dt / environment.substeps, environment.policy.tree(state.T_world_target, environment.world)
 
     def substep(carried, _):
@@ -163,7 +180,7 @@ def step(environment: ResidualEnvironment, state: EnvironmentState, action: jax.
 
 def step_or_reset(environment: ResidualEnvironment, state: EnvironmentState, action: jax.Array) -> Transition:
     """As `step`, but after the last step of an episode of an `environment` another begins, by the `key` in `state`: its
-    `action` counts for nothing then, and nothing is rewarded."""
+    `action` counts for nothing then, and nothing is rewarded. **Raises** as both."""
     ahead = step(environment, state, action)
     first, seen = reset(environment, state.key)
     zero, no = jnp.zeros_like(ahead.reward), jnp.zeros((), bool)
@@ -175,12 +192,28 @@ def residual_certificate(environment: ResidualEnvironment, state: EnvironmentSta
     """The certificate of the policy of an `environment` at `state`, with an `action` [n]: voided by the residual.
 
     `dV_dt` is that of the motion as it is moved: where it is above minus the `dissipation`, energy is put in.
+    **Raises** as `step`.
     """
     tree, motion = environment.policy.tree(state.T_world_target, environment.world), state.motion
     found = tree.measure(motion.q, motion.qd)
-    applied = _applied(environment, motion, state.asked.qdd, jnp.clip(jnp.asarray(action, motion.q.dtype), -1.0, 1.0))
+    applied = _applied(environment, motion, state.asked.qdd, _cut(environment, state, action))
     _, rate = jax.jvp(tree.energy, (motion.q, motion.qd), (motion.qd, applied))
     return Certificate(found.energy, rate, found.dissipation, (*uncertified_leaves(tree), RESIDUAL))
+
+
+def _check_shape(name: str, value: Any, expected: list[tuple[int, ...]]) -> None:
+    if np.shape(value) not in expected:
+        raise ShapeError(f"{name} has shape {np.shape(value)}, expected {' or '.join(map(str, expected))}.")
+
+
+def _cut(environment, state, action):
+    _check_shape("action", action, [(environment.joints,)])
+    return jnp.clip(jnp.asarray(action, state.motion.q.dtype), -1.0, 1.0)
+
+
+def _watched(policy: ArmPolicy, world: World) -> bool:
+    """Whether there is something to keep off, and something that can touch it."""
+    return bool(policy.spheres is not None and policy.spheres.size and world.size)
 
 
 def _applied(environment, motion, asked, action):
@@ -205,7 +238,7 @@ def _off(environment, state):
 
 def _clearance(environment, q):
     policy = environment.policy
-    if policy.spheres is None or not policy.spheres.size or not environment.world.size:
+    if not _watched(policy, environment.world):
         return jnp.full((), _FAR, q.dtype)
     distances = ObstacleDistances(policy.spheres.points(policy.robot), environment.world, policy.spheres.radii)(q)
     return jnp.minimum(distances.min(), _FAR)

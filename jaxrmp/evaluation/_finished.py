@@ -11,6 +11,7 @@ import numpy as np
 
 from .._errors import ConfigurationError
 from .._files import atomic_write, read_npz
+from .._version import __version__
 from ..simulation import Engine, Outcomes, Problem, Track
 
 _EVERY = 5.0  # s between two writings
@@ -73,7 +74,14 @@ class Finished:
 def _key(engine: Engine, problem: Problem, starts: np.ndarray) -> str:
     """Alike for evaluations whose starts end alike."""
     digest = hashlib.sha256(np.ascontiguousarray(starts).tobytes())
-    said = engine.name, engine.dt, engine.chunk, engine.criteria, jax.tree.structure((problem.tree, problem.distances))
+    said = (
+        __version__,
+        engine.name,
+        engine.dt,
+        engine.chunk,
+        engine.criteria,
+        jax.tree.structure((problem.tree, problem.distances)),
+    )
     digest.update(repr(said).encode())
     for leaf in jax.tree.leaves((problem.tree, problem.points, problem.distances)):
         digest.update(np.asarray(leaf).tobytes())

@@ -5,6 +5,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ..reports import _page
 from ..reports._page import heading, numbers, paragraph, percent, records, table
 from ._report import KINDS
@@ -67,13 +69,13 @@ def write_page(
 def _summary(report: Mapping[str, Any]) -> str:
     rows = [["starts", report["starts"]]]
     rows += [[name.replace("_", " "), percent(report[name])] for name in KINDS.values()]
-    times, touched = report["time_to_converge_s"], report["starts_that_touched"]
+    times, touched, least = (report[of] for of in ("time_to_converge_s", "starts_that_touched", "min_clearance_m"))
     if times:
         rows.append(["time to converge: median, 95 %, longest, s", numbers(times.values(), 1)])
     rows += [
         ["non-finite", report["non_finite"]],
         ["largest energy increase, of V's range", f"{report['max_energy_increase']:.1e}"],
-        ["smallest clearance, m", "not watched" if touched is None else f"{report['min_clearance_m']:.3f}"],
+        ["smallest clearance, m", f"{least:.3f}" if np.isfinite(least) else "not watched"],
         ["starts that touched something", "not watched" if touched is None else touched],
         ["smallest distance to a joint limit, rad", f"{report['min_limit_margin_rad']:.4f}"],
         ["starts that crossed a limit", report["starts_that_crossed_a_limit"]],

@@ -64,7 +64,8 @@ class Energy(NamedTuple):
         values = np.atleast_1d(np.asarray(values, float))
         least = np.minimum.accumulate([self.least, *values])[1:]
         start = values[0] if np.isnan(self.start) else self.start
-        return Energy(float(start), float(values[-1]), float(least[-1]), max(self.rise, float((values - least).max())))
+        rise = float(np.max([self.rise, *(values - least)]))  # NaN, where one is
+        return Energy(float(start), float(values[-1]), float(least[-1]), rise)
 
 
 class Book(NamedTuple):

@@ -9,6 +9,7 @@ import numpy as np
 
 from .._errors import ConfigurationError, JaxrmpError, UnknownNameError
 from .._rotations import pose, rotation_of_quaternion, rotation_of_vector
+from ..kinematics import Robot
 from ..learning import Skill, load_skill
 from ..scenes import Scene
 from ..scenes._gripper import check_width
@@ -42,12 +43,31 @@ class SequenceFile(NamedTuple):
         """Where it says that the arm starts [n], rad; None if it does not."""
         return None if "start" not in self.content else np.asarray(self.content["start"], float)
 
+    def check_robot(self, robot: Robot) -> None:
+        """**Raises** `ConfigurationError`, with the line of the file, for a start or a frame that is none of the
+        `robot`'s, or a skill that was learned on another."""
+        if self.start is not None and self.start.shape != (robot.num_joints,):
+            raise ConfigurationError(
+                f"{self._at(None, 'start')}: start has {self.start.size} numbers, and {robot.name!r} has "
+                f"{robot.num_joints} joints."
+            )
+        for k, (entry, skill) in enumerate(zip(self.content["state"], self.skills, strict=True)):
+            key = "skill" if skill is not None else "reach"
+            try:
+                if skill is not None:
+                    skill.check_robot(robot)
+                else:
+                    robot.frame_index(entry["reach"])
+            except JaxrmpError as error:
+                raise ConfigurationError(f"{self._at(k, key)}: {error}") from error
+
     def on(self, scene: Scene, rest: Any) -> Sequence:
         """The sequence on the robot of a `scene`, reaching with elbows as at `rest` [n] as far as that is free.
 
         **Raises** `ConfigurationError` and its kind, each with the line of the file, for a state that does not fit the
         robot or the scene.
         """
+        self.check_robot(scene.robot)
         states = []
         for k, (entry, skill) in enumerate(zip(self.content["state"], self.skills, strict=True)):
             try:
@@ -146,7 +166,7 @@ def _entry(key: str, entry: dict[str, Any], names: list[Any]) -> None:
     if key == "name" and (value == END or names.count(value) > 1):
         raise ConfigurationError(f"name is {value!r}: expected each name once, and none {END!r}.")
     if key in ("then", "on_timeout"):
-        UnknownNameError.check(f"state for {key}", value, [*names, END])
+        UnknownNameError.check(f"state for {key}", value, [*(n for n in names if isinstance(n, str)), END])
     if key == "relative_to":
         UnknownNameError.check(key, value, RELATIVE_TO)
     if key in ("seconds", "timeout", "gripper_seconds"):

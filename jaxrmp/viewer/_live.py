@@ -80,8 +80,8 @@ def advance(situation: Situation, motion: Motion, steps: jax.Array, frames: tupl
 class Look:
     """What `examine` tells of each of S leaves: `share` [S] in the force at the joints; `gap` [S], the least distance
     to what it is about, m, infinite without. And `weight`, how heavy the hand is; `goal`, how far it is to the goal, m,
-    NaN where the policy does not say; `ignored`, how many obstacles are not finite; `uncertified`, the names of leaves
-    that have no certificate."""
+    NaN where the policy does not say, or takes no hand to a place; `ignored`, how many obstacles are not finite;
+    `uncertified`, the names of leaves that have no certificate."""
 
     share: jax.Array
     gap: jax.Array
@@ -106,8 +106,8 @@ def examine(situation: Situation, motion: Motion, hand: str, leaves: tuple[str, 
     least = partial(jax.ops.segment_min, segment_ids=row, num_segments=len(leaves) + 1)
     share = total(found.force_share)[:-1]
     moves = length(found.f).sum() > _NOTHING * jnp.trace(found.M.sum(0)) / found.M.shape[-1]
-    policy = situation.policy
-    goal = goal_distance(policy, motion.q, situation.T_world_target) if hasattr(policy, "with_targets") else jnp.nan
+    policy, T = situation.policy, situation.T_world_target
+    goal = goal_distance(policy, motion.q, T) if _goes_somewhere(policy, T) else jnp.nan
     return Look(
         share=jnp.where(moves & ~(share < _LEAST_SHARE), share, 0),
         gap=least(jnp.where(jnp.isnan(found.gap), jnp.inf, found.gap))[:-1],
@@ -116,3 +116,9 @@ def examine(situation: Situation, motion: Motion, hand: str, leaves: tuple[str, 
         ignored=ignored_in(situation),
         uncertified=tuple(dict.fromkeys(n for n, sure in zip(found.names, found.certified, strict=True) if not sure)),
     )
+
+
+def _goes_somewhere(policy: Any, T_world_target: jax.Array) -> bool:
+    """Whether a policy takes a hand to a place, and says so."""
+    tasks = policy.with_targets(T_world_target) if hasattr(policy, "with_targets") else []
+    return any(hasattr(task, "hand") and task.hand(at) is not None for task, at in tasks)

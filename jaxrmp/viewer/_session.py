@@ -112,6 +112,8 @@ class Session:
         offered = ("to obstacles",) if world.size else ()
         self._wanted = (*offered, "to itself")
         told = looks + banners(names, offered, spheres is not None)
+        if content.furniture is not None and not content.world.size:
+            told.append("The policy is not told of the furniture: nothing keeps it off, and its distance is for you.")
         self.notes = [server.gui.add_markdown(f"**{note}**") for note in told]
         self.play = server.gui.add_button("Pause", icon="player-pause")
         self.reset = server.gui.add_button("Reset", icon="player-skip-back")
@@ -132,8 +134,6 @@ class Session:
             if world.size:
                 with server.gui.add_folder("Obstacles"):
                     self.obstacles = ObstacleGizmos(server, content.balls, content.shown, content.world)
-                    if content.furniture is not None and not content.world.size:
-                        server.gui.add_markdown("The policy is not told of the furniture: its distance is for you.")
         with tabs.add_tab("Gains"):
             self.gains = GainSliders(server, policy)
             self._gain_controls(server)

@@ -17,7 +17,7 @@ import pytest
 
 from jaxrmp import ConfigurationError, learning
 from jaxrmp.cli import main
-from jaxrmp.evaluation import evaluate, limit_leaf, sample_starts, skill_problem
+from jaxrmp.evaluation import _finished, evaluate, limit_leaf, sample_starts, skill_problem
 from jaxrmp.kinematics import panda
 from jaxrmp.simulation import KinematicEngine, StopCriteria
 
@@ -121,7 +121,7 @@ def test_what_processes_say_is_labelled(skill_file, tmp_path):
     assert list(tmp_path.glob("*.finished*")) == []
 
 
-def test_an_evaluation_goes_on_from_what_was_kept(skill_file, tmp_path):
+def test_an_evaluation_goes_on_from_what_was_kept(skill_file, tmp_path, monkeypatch):
     skill, robot = learning.load_skill(skill_file), panda()
     problem = skill_problem(skill, robot)
     engine = KinematicEngine(problem, StopCriteria(duration=4.0), dt=0.005)
@@ -152,6 +152,9 @@ def test_an_evaluation_goes_on_from_what_was_kept(skill_file, tmp_path):
     np.testing.assert_allclose(again.outcomes.track.margin, whole.outcomes.track.margin, atol=1e-4)
     with pytest.raises(ConfigurationError, match="another evaluation"):
         evaluate(engine, problem, None, starts[:8] + 0.01, keep=keep)
+    monkeypatch.setattr(_finished, "__version__", "0.0.0")
+    with pytest.raises(ConfigurationError, match="another evaluation: of another skill, version"):
+        evaluated(keep=keep)
     keep.write_bytes(b"damaged")
     with pytest.raises(ConfigurationError, match="remove it"):
         evaluated(keep=keep)

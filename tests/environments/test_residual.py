@@ -7,9 +7,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxrmp import ConfigurationError
+from jaxrmp import ConfigurationError, ShapeError
 from jaxrmp._pytree import single
-from jaxrmp.environments import reset, residual_certificate, step_or_reset
+from jaxrmp.environments import reset, residual_certificate, step, step_or_reset
 from jaxrmp.world import Spheres, World
 
 # One compiled program of each for the whole file.
@@ -81,3 +81,20 @@ def test_an_episode_is_cut_at_its_length_or_ends_at_a_touch_and_another_begins(e
 def test_mistakes_are_explained(environment):
     with pytest.raises(ConfigurationError, match="length is 0"):
         replace(environment, length=0)
+    for wrong in ({"acceleration_limit": np.zeros(3)}, {"largest": np.full(3, np.nan)}, {"spread": -0.1}):
+        with pytest.raises(ConfigurationError, match=next(iter(wrong))):
+            replace(environment, **wrong)
+    with pytest.raises(ConfigurationError, match="2 slots for obstacles and the policy no spheres"):
+        replace(environment, policy=replace(environment.policy, spheres=None))
+
+
+def test_shapes_that_would_broadcast_are_refused(environment, begun):
+    key, state = KEYS[0], jax.tree.map(lambda a: a[0], begun[0])
+    for name in ("start", "largest", "acceleration_limit"):
+        with pytest.raises(ShapeError, match=rf"{name} has shape \(1,\), expected \(3,\)"):
+            reset(replace(environment, **{name: np.ones(1)}), key)
+    with pytest.raises(ShapeError, match=r"target_spread has shape \(2,\), expected \(\) or \(3,\)"):
+        reset(replace(environment, target_spread=np.ones(2)), key)
+    for judged in (step, residual_certificate):
+        with pytest.raises(ShapeError, match=r"action has shape \(1,\), expected \(3,\)"):
+            judged(environment, state, np.ones(1))

@@ -68,6 +68,18 @@ def test_what_was_not_watched_is_not_called_clear(report):
     assert "not watched" not in summary(found)
     blind = found | {"min_clearance_m": np.inf, "starts_that_touched": None}
     assert "smallest clearance      not watched" in summary(blind)
+    assert "not watched (0 starts touched)" in summary(blind | {"starts_that_touched": 0})  # contacts in physics are
+
+
+def test_a_replay_leaves_alone_what_is_kept_of_an_evaluation(skill_file, tmp_path, capsys):
+    report, kept = tmp_path / "r.json", tmp_path / "r.finished.npz"
+    kept.write_bytes(b"the work of a night")
+    command = ["evaluate", skill_file, "--replay", "1", *FAST, "--json", str(report)]
+    assert main(command) == 0
+    assert json.loads(report.read_text())["start"] == 1 and kept.read_bytes() == b"the work of a night"
+    capsys.readouterr()
+    assert main([*command, "--resume"]) == 1
+    assert "--replay runs one of them" in capsys.readouterr().err
 
 
 def test_the_whole_arm_is_evaluated(report):

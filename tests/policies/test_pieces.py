@@ -149,3 +149,7 @@ def test_a_rest_in_which_links_touch_names_them():
     with pytest.raises(ConfigurationError, match=r"spheres on panda_\w+ and panda_\w+ overlap by .* cm .*find_rest"):
         policies.reaching_policy(panda(), "panda_hand_tcp", rest=folded)
     assert policies.reaching_policy(panda(), "panda_hand_tcp", rest=folded, self_collision=False).spheres is not None
+    half = np.array([2.8, 1.7, 2.8, 1.5, 2.8, 1.8, 2.8])
+    turned = replace(panda(), lower=folded - half, upper=folded + half)
+    with pytest.warns(UnsafeFileWarning, match=r"in the middle of the joints, .*panda_\w+ overlap by .*find_rest"):
+        policies.reaching_policy(turned, "panda_hand_tcp")

@@ -8,6 +8,7 @@ import pytest
 from jaxrmp import ConfigurationError
 from jaxrmp.kinematics import forward_kinematics
 from jaxrmp.sequences import After, Arrived, GripperMove, Sequence, roll_sequence, run_sequence
+from jaxrmp.sequences._report import Energy
 from jaxrmp.simulation import Trial
 
 from .conftest import START, at
@@ -33,6 +34,11 @@ def test_energy_falls_within_states_and_jumps_at_the_switch_alone(reaching, grip
     switch = np.flatnonzero(np.diff(path.state))[0]
     assert np.abs(path.qd[switch]).max() > 0.1  # nothing is brought to a stand for it
     assert np.abs(path.qd[switch + 1] - path.qd[switch]).max() < 0.6  # in 10 ms
+
+
+def test_an_energy_that_is_no_number_is_no_fall():
+    assert Energy().seeing([3.0, 1.0, 1.5]).seeing(1.25).rise == 0.5
+    assert np.isnan(Energy().seeing([3.0, np.nan]).seeing(1.0).rise)
 
 
 def test_a_puck_is_gripped_and_carried_in_one_simulation(reaching, table):

@@ -7,7 +7,7 @@ from jaxrmp import ConfigurationError
 from jaxrmp.cli import main
 from jaxrmp.sequences import After, Arrived, GripperMove, load_sequence
 
-from .conftest import START
+from .conftest import ARM, START
 
 GOOD = """limit = 30
 
@@ -100,3 +100,38 @@ def test_check_says_what_is_read_of_a_sequence_and_what_is_wrong(tmp_path, capsy
     file.write_text(GOOD.replace("seconds = 2", "seconds = -2"))
     assert main(["check", str(file)]) == 1
     assert "line 19: seconds is -2" in capsys.readouterr().out
+
+
+def test_check_says_what_of_a_sequence_it_cannot_know_and_looks_at_the_arm_that_is_given(tmp_path, capsys):
+    file, arm = tmp_path / "two.toml", tmp_path / "arm.xml"
+    file.write_text(GOOD)
+    arm.write_text(ARM)
+    assert main(["check", str(file)]) == 0
+    said = capsys.readouterr().out
+    assert "its frames and its start were not checked: give the arm with --robot FILE" in said
+    assert "nothing looks wrong" not in said
+    assert main(["check", str(file), "--robot", str(arm)]) == 0
+    said = capsys.readouterr().out
+    assert "fits the robot: gripping" in said and "what a scene has was not checked" in said
+    file.write_text("start = [0, 1]\n" + GOOD)
+    assert main(["check", str(file), "--robot", str(arm)]) == 1
+    assert "line 1: start has 2 numbers, and 'gripping' has 5 joints" in capsys.readouterr().out
+    file.write_text(GOOD.replace('reach = "grip"', 'reach = "gripp"', 1))
+    assert main(["check", str(file), "--robot", str(arm)]) == 1
+    assert "line 5: unknown frame 'gripp'. Did you mean 'grip'" in capsys.readouterr().out
+    assert main(["check", str(file), "--robot", str(tmp_path / "none.xml")]) == 1
+    assert "none.xml" in capsys.readouterr().out
+
+
+def test_a_start_of_another_arm_is_named_with_its_line(tmp_path, table):
+    file = tmp_path / "two.toml"
+    file.write_text("start = [0, 1]\n" + GOOD)
+    with pytest.raises(ConfigurationError, match="line 1: start has 2 numbers, and 'gripping' has 3 joints"):
+        load_sequence(file).on(table, START)
+
+
+def test_a_name_that_is_no_text_is_none_that_another_state_may_lead_to(tmp_path):
+    file = tmp_path / "two.toml"
+    file.write_text(GOOD.replace('name = "away"', "name = [1]"))
+    with pytest.raises(ConfigurationError, match="unknown state for on_timeout 'away'. Valid: before, end"):
+        load_sequence(file)

@@ -18,11 +18,12 @@ from jaxrmp.inspection import inspect
 from jaxrmp.kinematics import panda
 from jaxrmp.learning import load_demonstrations
 from jaxrmp.leaves import Attractor, Damping, Posture
+from jaxrmp.simulation import Motion
 from jaxrmp.viewer._claims import avoidance_words, banners, energy_words
 from jaxrmp.viewer._gain_file import save_gains, with_gains_of
 from jaxrmp.viewer._goal import Resting, goal_words
 from jaxrmp.viewer._inputs import gain_value, gains_of, with_gain
-from jaxrmp.viewer._live import Reading, Situation
+from jaxrmp.viewer._live import Reading, Situation, examine
 from jaxrmp.viewer._loop import LiveLoop
 from jaxrmp.viewer._plots import round_end, stroke
 from jaxrmp.viewer._push import Push
@@ -287,6 +288,33 @@ def test_a_page_says_at_its_top_that_its_policy_avoids_nothing_and_draws_no_dist
         assert viewer._distances == () and "collision_avoidance" not in viewer.switches.names
     finally:
         viewer.stop()
+
+
+def test_a_page_says_at_its_top_that_its_policy_is_not_told_of_the_furniture():
+    pytest.importorskip("viser")
+    from jaxrmp.scenes import scene
+    from jaxrmp.viewer import Viewer, reach_content
+
+    viewer = Viewer(reach_content(balls=0, self_collision=False)._replace(furniture=scene("drawer")), port=0)
+    try:
+        assert any("not told of the furniture: nothing keeps it off" in note.content for note in viewer.notes)
+    finally:
+        viewer.stop()
+
+
+def test_a_policy_that_takes_no_hand_to_a_place_is_not_said_to_be_there():
+    pytest.importorskip("viser")
+    from jaxrmp.viewer import reach_content
+
+    content = reach_content(balls=0, self_collision=False)
+    push = Push(np.zeros(3, np.float32), np.float32(0), np.float32(0))
+    turning = replace(content.policy, tasks=tuple(replace(task, position=None) for task in content.policy.tasks))
+    T = content.T_world_target.astype(np.float32)
+    for policy, somewhere in ((content.policy, True), (turning, False)):
+        names = switches(policy.tree(T, content.world))
+        situation = Situation(policy, T, content.world, np.ones(len(names), np.float32), push)
+        found = examine(situation, Motion.at_rest(content.q.astype(np.float32)), content.hand, names)
+        assert np.isfinite(found.goal) == somewhere
 
 
 def sizes(world):
