@@ -28,6 +28,7 @@ LONG = (
     "perception",
     "depth",
     "viewer",
+    "waits",
 )  # what policies achieve, rather than how fast
 
 
