@@ -12,6 +12,7 @@ import numpy as np
 from .._errors import ConfigurationError
 from .._files import atomic_write, read_npz
 from .._version import __version__
+from ..kinematics._mujoco import import_mujoco
 from ..simulation import Engine, Outcomes, Problem, Track
 
 _EVERY = 5.0  # s between two writings
@@ -85,4 +86,9 @@ def _key(engine: Engine, problem: Problem, starts: np.ndarray) -> str:
     digest.update(repr(said).encode())
     for leaf in jax.tree.leaves((problem.tree, problem.points, problem.distances)):
         digest.update(np.asarray(leaf).tobytes())
+    if (scene := getattr(engine, "scene", None)) is not None:  # the physics, which a scene's file may have changed
+        mujoco = import_mujoco()
+        model = np.zeros(mujoco.mj_sizeModel(scene.model), np.uint8)
+        mujoco.mj_saveModel(scene.model, None, model)
+        digest.update(model.tobytes())
     return digest.hexdigest()

@@ -14,9 +14,11 @@ from matplotlib.image import imread
 from jaxrmp import ConfigurationError
 from jaxrmp.cli import main
 from jaxrmp.cli._evaluate import summary
-from jaxrmp.evaluation import KINDS, check_starts, sample_starts, scene_problem
+from jaxrmp.evaluation import KINDS, check_starts, sample_starts, scene_problem, skill_problem
+from jaxrmp.evaluation._finished import _key
 from jaxrmp.learning import load_skill, save_skill
-from jaxrmp.scenes import scene
+from jaxrmp.scenes import arm_alone, scene
+from jaxrmp.simulation import MujocoEngine, StopCriteria
 from jaxrmp.visualization._style import DPI, WIDTH
 
 from .reaching import HOME, reaching_skill
@@ -69,6 +71,16 @@ def test_what_was_not_watched_is_not_called_clear(report):
     blind = found | {"min_clearance_m": np.inf, "starts_that_touched": None}
     assert "smallest clearance      not watched" in summary(blind)
     assert "not watched (0 starts touched)" in summary(blind | {"starts_that_touched": 0})  # contacts in physics are
+
+
+def test_what_is_kept_belongs_to_the_physics_that_it_came_from(skill_file):
+    skill, robot, starts = load_skill(skill_file), panda(), np.zeros((2, 7))
+    problem, place = skill_problem(skill, robot), arm_alone("panda", robot)
+    engine = MujocoEngine(place, problem, StopCriteria())
+    key = _key(engine, problem, starts)
+    assert _key(MujocoEngine(arm_alone("panda", robot), problem, StopCriteria()), problem, starts) == key
+    place.model.dof_damping[:] += 1.0
+    assert _key(engine, problem, starts) != key
 
 
 def test_a_replay_leaves_alone_what_is_kept_of_an_evaluation(skill_file, tmp_path, capsys):
