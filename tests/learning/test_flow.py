@@ -164,8 +164,8 @@ def test_its_tree_is_a_function_of_where_the_object_is(learning):
 
     plain = acceleration(skill.tree(robot, T.at[0, 3].add(0.05)), q, 0 * q)
     np.testing.assert_allclose(act(skill, 0.05), plain, rtol=1e-3, atol=1e-3 * float(jnp.abs(plain).max()))
-    assert jax.vmap(act, (None, 0))(skill, jnp.linspace(0, 0.1, 3)).shape == (3, 7)
-    assert np.isfinite(jax.jit(jax.jacfwd(act, argnums=1))(skill, 0.05)).all()
+    slopes = jax.jit(jax.vmap(jax.jacfwd(act, argnums=1), (None, 0)))(skill, jnp.linspace(0, 0.1, 3))
+    assert slopes.shape == (3, 7) and np.isfinite(slopes).all()
     for left_out in ({"posture": None}, {"funnel": None}, {"funnel": None, "posture": None}):
         less = replace(skill, flow=replace(skill.flow, **left_out))
         assert np.isfinite(act(less, 0.05)).all()
@@ -200,7 +200,7 @@ def test_reports_and_figures_know_it(learning, tmp_path):
 def test_single_precision_stays_so_where_double_is_allowed(learning):
     with jax.enable_x64(True):
         tree = learning.skill.tree(panda())
-        form = tree(jnp.asarray(panda().middle, jnp.float32), jnp.zeros(7, jnp.float32))
+        form = jax.eval_shape(tree, jnp.asarray(panda().middle, jnp.float32), jnp.zeros(7, jnp.float32))
     assert form.f.dtype == form.M.dtype == jnp.float32
 
 
