@@ -16,6 +16,7 @@ from jaxrmp.cli import main
 from jaxrmp.cli._evaluate import summary
 from jaxrmp.evaluation import KINDS, check_starts, sample_starts, scene_problem, skill_problem
 from jaxrmp.evaluation._finished import _key
+from jaxrmp.kinematics import panda
 from jaxrmp.learning import load_skill, save_skill
 from jaxrmp.scenes import arm_alone, scene
 from jaxrmp.simulation import MujocoEngine, StopCriteria
