@@ -2,8 +2,8 @@
 
 import contextlib
 import io
+import math
 import os
-import shutil
 import tempfile
 import zipfile
 from collections.abc import Iterator
@@ -31,8 +31,8 @@ def frames_writer(
 ) -> Iterator[AddFrame]:
     """Within it, a function `add(depth, time, q=None)` of each image; at its end the file is there, for `open_frames`.
 
-    Images wait on disk beside it, not in memory, so that a minute of them does not need 2 GB; where the block fails,
-    nothing is left.
+    Images wait on disk beside it, not in memory, so that a minute of them does not need 2 GB. Where the block fails, or
+    is interrupted by Ctrl-C, the file holds the images before that, and the error goes on.
 
     **Arguments**: `path`, of an NPZ file; `intrinsics`, fx, fy, cx and cy, pixels; `T_world_camera` [4, 4], m, if
     known; `depth_scale`, m for one of the images' unsigned integers, none for floats, m.
@@ -78,30 +78,50 @@ def frames_writer(
                 q = np.array(q, float)
                 if not np.isfinite(q).all() or q.ndim != 1 or (joints and q.shape != joints[0].shape):
                     raise FramesError(f"q of image {len(times)} is {q}, expected as many finite numbers as before.")
-                joints.append(q)
-            times.append(float(time))
+            images.seek(len(times) * depth.nbytes)  # over what an interrupted image left
             images.write(np.ascontiguousarray(depth).tobytes())
+            joints[len(times) :] = [] if q is None else [q]
+            times.append(float(time))
 
-        yield add
-        if not times:
-            raise FramesError(f"{path}: no image was added.")
-        arrays: dict[str, Any] = {"intrinsics": intrinsics, "time": np.array(times)}
-        arrays |= {} if depth_scale is None else {"depth_scale": np.array(depth_scale)}
-        arrays |= {} if pose is None else {"T_world_camera": pose}
-        arrays |= {"q": np.stack(joints)} if joints else {}
-        images.seek(0)
-        with atomic_write(path) as file, zipfile.ZipFile(file, "w") as archive:
-            for name, value in arrays.items():
-                content = io.BytesIO()
-                np.lib.format.write_array(content, value, allow_pickle=False)
-                archive.writestr(f"{name}.npy", content.getvalue())
-            with archive.open("depth.npy", "w", force_zip64=True) as member:
-                np.lib.format.write_array_header_1_0(
-                    member,
-                    {
-                        "descr": np.lib.format.dtype_to_descr(kind[0][1]),
-                        "fortran_order": False,
-                        "shape": (len(times), *kind[0][0]),
-                    },
-                )
-                shutil.copyfileobj(images, member, 1 << 22)
+        failed = True
+        try:
+            yield add
+            failed = False
+        finally:
+            if times:
+                _write(path, intrinsics, pose, depth_scale, times, joints, kind[0], images)
+            elif not failed:
+                raise FramesError(f"{path}: no image was added.")
+
+
+def _write(
+    path: Path,
+    intrinsics: np.ndarray,
+    pose: np.ndarray | None,
+    depth_scale: float | None,
+    times: list[float],
+    joints: list[np.ndarray],
+    kind: tuple[tuple[int, ...], np.dtype],
+    images: Any,
+) -> None:
+    arrays: dict[str, Any] = {"intrinsics": intrinsics, "time": np.array(times)}
+    arrays |= {} if depth_scale is None else {"depth_scale": np.array(depth_scale)}
+    arrays |= {} if pose is None else {"T_world_camera": pose}
+    arrays |= {"q": np.stack(joints[: len(times)])} if joints else {}
+    images.seek(0)
+    with atomic_write(path) as file, zipfile.ZipFile(file, "w") as archive:
+        for name, value in arrays.items():
+            content = io.BytesIO()
+            np.lib.format.write_array(content, value, allow_pickle=False)
+            archive.writestr(f"{name}.npy", content.getvalue())
+        with archive.open("depth.npy", "w", force_zip64=True) as member:
+            np.lib.format.write_array_header_1_0(
+                member,
+                {
+                    "descr": np.lib.format.dtype_to_descr(kind[1]),
+                    "fortran_order": False,
+                    "shape": (len(times), *kind[0]),
+                },
+            )
+            for _ in times:
+                member.write(images.read(kind[1].itemsize * math.prod(kind[0])))

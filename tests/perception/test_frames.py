@@ -101,7 +101,32 @@ def test_files_that_are_none_or_cut_short_are_named(tmp_path):
         list(open_frames(tmp_path / "f.npz").depths())
 
 
-def test_a_writer_that_fails_leaves_nothing_and_what_does_not_fit_is_named(tmp_path):
+@pytest.mark.parametrize("error", [KeyboardInterrupt, OSError])
+def test_what_came_before_a_recording_failed_is_kept(tmp_path, error):
+    def record():
+        with frames_writer(tmp_path / "f.npz", INTRINSICS) as add:
+            add(DEPTH[0], 0.0, [1.0])
+            with pytest.raises(FramesError, match="image 1 is of"):
+                add(DEPTH[1], -1.0, [2.0])
+            add(DEPTH[1], 1.0, [3.0])
+            raise error
+
+    with pytest.raises(error):
+        record()
+    frames = open_frames(tmp_path / "f.npz")
+    np.testing.assert_array_equal(np.stack(list(frames.raw())), DEPTH[:2].astype(np.float32))
+    assert frames.time.tolist() == [0.0, 1.0]
+    assert frames.q.tolist() == [[1.0], [3.0]]
+    assert [f.name for f in tmp_path.iterdir()] == ["f.npz"]
+
+
+def test_an_interrupted_writer_without_images_leaves_nothing(tmp_path):
+    with pytest.raises(KeyboardInterrupt), frames_writer(tmp_path / "f.npz", INTRINSICS):
+        raise KeyboardInterrupt
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_images_that_do_not_fit_are_named(tmp_path):
     def write(*images, **given):
         with frames_writer(tmp_path / "f.npz", INTRINSICS, **given) as add:
             for image in images:
@@ -118,7 +143,11 @@ def test_a_writer_that_fails_leaves_nothing_and_what_does_not_fit_is_named(tmp_p
     ):
         with pytest.raises(FramesError, match=said):
             write(*images)
-    assert list(tmp_path.iterdir()) == []
+        kept = list(tmp_path.iterdir())
+        assert len(kept) == (len(images) == 2)  # the first, that is whole
+        for file in kept:
+            assert len(open_frames(file)) == 1
+            file.unlink()
 
 
 @pytest.mark.parametrize(
