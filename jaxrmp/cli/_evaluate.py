@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from .._counted import counted
 from .._errors import ConfigurationError, RolloutError
 from ._ending import end_with_parent
 from ._engines import engine_of
@@ -127,13 +128,14 @@ def summary(found: dict[str, Any]) -> str:
     if touched is not None:
         least = found["min_clearance_m"]
         clearance = f"{least:.3f} m" if np.isfinite(least) else "not watched"
-        clearance += f" ({touched} starts touched)"
+        clearance += f" ({counted(touched, 'start')} touched)"
+    places = counted(len(found["spurious_rest_points"]), "point")
     lines = [
         f"starts                  {found['starts']}",
         f"converged               {100 * found['converged']:.2f} %  ({took})",
         f"stopped at joint limit  {100 * found['stopped_at_limit']:.2f} %",
         f"held by contact         {100 * found['held_by_contact']:.2f} %",
-        f"spurious rest           {100 * found['spurious']:.2f} %  ({len(found['spurious_rest_points'])} points)",
+        f"spurious rest           {100 * found['spurious']:.2f} %  ({places})",
         f"unfinished              {100 * found['unfinished']:.2f} %",
         f"non-finite              {found['non_finite']}",
         f"energy increase         {found['max_energy_increase']:.1e} of V's range at most",

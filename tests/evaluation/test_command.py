@@ -105,6 +105,7 @@ def test_what_was_not_watched_is_not_called_clear(report):
     blind = found | {"min_clearance_m": np.inf, "starts_that_touched": None}
     assert "smallest clearance      not watched" in summary(blind)
     assert "not watched (0 starts touched)" in summary(blind | {"starts_that_touched": 0})  # contacts in physics are
+    assert "(1 start touched)" in summary(found | {"starts_that_touched": 1})
 
 
 def test_what_is_kept_belongs_to_the_physics_that_it_came_from(skill_file):
