@@ -50,6 +50,12 @@ def rotation_of_vector(turn: Any) -> Any:
     return eye + first * K + second * (v[..., None] * v[..., None, :] - square * eye)
 
 
+def rotation_of_rpy(angles: Any) -> np.ndarray:
+    """The rotation matrix [3, 3] of roll, pitch and yaw, rad: about the fixed x, then y, then z, as in URDF."""
+    roll, pitch, yaw = rotation_of_vector(np.diag(np.asarray(angles, float)))
+    return yaw @ pitch @ roll
+
+
 def nearest_rotation(A: Any) -> Any:
     """The rotation matrix nearest to A [3, 3] in least squares; smooth, unless two of A's singular values are 0."""
     xp, A = _module_and_array(A)

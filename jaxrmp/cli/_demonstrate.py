@@ -2,6 +2,7 @@
 
 import argparse
 
+from .._counted import counted
 from ..synthetic import write_synthetic_demonstrations
 
 
@@ -9,4 +10,4 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
     write_synthetic_demonstrations(
         arguments.task, arguments.out, seed=arguments.seed, count=arguments.count, overwrite=arguments.overwrite
     )
-    print(f"wrote {arguments.count} demonstrations of {arguments.task} to {arguments.out}")
+    print(f"wrote {counted(arguments.count, 'demonstration')} of {arguments.task} to {arguments.out}")

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from .._counted import counted
 from .._errors import ConfigurationError, RolloutError
 from ._ending import end_with_parent
 from ._engines import engine_of
@@ -127,13 +128,14 @@ def summary(found: dict[str, Any]) -> str:
     if touched is not None:
         least = found["min_clearance_m"]
         clearance = f"{least:.3f} m" if np.isfinite(least) else "not watched"
-        clearance += f" ({touched} starts touched)"
+        clearance += f" ({counted(touched, 'start')} touched)"
+    places = counted(len(found["spurious_rest_points"]), "point")
     lines = [
         f"starts                  {found['starts']}",
         f"converged               {100 * found['converged']:.2f} %  ({took})",
         f"stopped at joint limit  {100 * found['stopped_at_limit']:.2f} %",
         f"held by contact         {100 * found['held_by_contact']:.2f} %",
-        f"spurious rest           {100 * found['spurious']:.2f} %  ({len(found['spurious_rest_points'])} points)",
+        f"spurious rest           {100 * found['spurious']:.2f} %  ({places})",
         f"unfinished              {100 * found['unfinished']:.2f} %",
         f"non-finite              {found['non_finite']}",
         f"energy increase         {found['max_energy_increase']:.1e} of V's range at most",
@@ -173,21 +175,25 @@ def _kept_files(kept: Path | None) -> list[Path]:
     return [*([kept] if kept.exists() else []), *sorted(numbered)]
 
 
-def _rate(show: Callable[[str, float], None]) -> Callable[[int, int], None]:
-    """Progress in words: how many have ended, how many a second, and how long the others may take.
+def _rate(
+    show: Callable[[str, float], None], clock: Callable[[], float] = time.monotonic
+) -> Callable[[int, int], None]:
+    """Progress in words: how many have ended, how many a second, and how long the others may take. The rate counts from
+    the first that end here on, before which programs are compiled.
 
     Without a terminal, where each new word is a line, a line every few seconds.
     """
-    begun, before, told = time.monotonic(), [-1], [-np.inf]
+    seen, told = [], [-np.inf]  # times and numbers, of those that were there already and of the first that end
 
     def progress(ended: int, own: int) -> None:
-        now = time.monotonic() - begun
-        if before[0] < 0:
-            before[0] = ended  # were there already
+        now = clock()
+        if len(seen) < 2 and (not seen or ended > seen[0][1]):
+            seen.append((now, ended))
         if not sys.stderr.isatty() and now - told[0] < _TELL and ended < own:
             return
         told[0] = now
-        rate = (ended - before[0]) / max(now, 1e-9)
+        since, before = seen[-1]
+        rate = (ended - before) / max(now - since, 1e-9)
         left = f", {rate:.3g}/s, {_duration((own - ended) / rate)} left" if rate > 0 else ""
         show(f"{ended} of {own} ended{left}", ended / own)
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from .._counted import counted
 from .._errors import ConfigurationError, DemonstrationError
 from ..kinematics import Robot
 from ..learning import (
@@ -116,9 +117,7 @@ def _summary(learning: Learning) -> str:
     for i, report in enumerate(learning.prepared.joints.reports):
         found = [
             f"{report.repeats_merged} repeated stamps" if report.repeats_merged else "",
-            f"{report.gaps} gap{'s' * (report.gaps > 1)}, the largest {report.largest_gap:.2f} s"
-            if report.gaps
-            else "",
+            f"{counted(report.gaps, 'gap')}, the largest {report.largest_gap:.2f} s" if report.gaps else "",
             f"{report.pause_seconds_dropped:.1f} s of pauses dropped ({report.paused})"
             if report.pauses_dropped
             else "",

@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .. import learning, simulation, visualization
+from .._counted import counted
 from .._errors import ConfigurationError, RolloutError
 from .._pytree import single
 from ..perception import DepthTracker
@@ -230,12 +231,14 @@ def outcome_table(report: dict[str, Any]) -> str:
         worst = max(saturated, key=lambda t: t["saturated"])
         joints = sorted({joint for t in saturated for joint in t["saturated_joints"]})
         lines.append(
-            f"torque limits cut in in {len(saturated)} trials, at most {worst['saturated']:.1%} of the time (trial "
-            f"{worst['trial']}): {', '.join(joints)}"
+            f"torque limits cut in in {counted(len(saturated), 'trial')}, at most {worst['saturated']:.1%} of the time "
+            f"(trial {worst['trial']}): {', '.join(joints)}"
         )
     if ignored := [t["trial"] for t in report["per_trial"] if t["ignored"]]:
         most = max(t["ignored"] for t in report["per_trial"])
-        lines.append(f"obstacles that are not finite were ignored in {len(ignored)} trials, up to {most}: {ignored}")
+        lines.append(
+            f"obstacles that are not finite were ignored in {counted(len(ignored), 'trial')}, up to {most}: {ignored}"
+        )
     if seen := [t["tracking"] for t in report["per_trial"] if t["tracking"]]:
         lines.append(seen_in_words(seen))
     if mean := report["path"]:

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from .._counted import counted
 from .._errors import ConfigurationError
 from .._files import atomic_write
 from .._rotations import quaternion_of_rotation
@@ -49,7 +50,7 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
         _write_csv(arrays, arguments.out)
     lost = arrays["lost"]
     again = int((lost[:-1] & ~lost[1:]).sum()) - int(lost[0] and not lost.all())
-    counts = f"{len(lost)} images, {int(lost.sum())} of them lost, found again {again} times"
+    counts = f"{counted(len(lost), 'image')}, {int(lost.sum())} of them lost, found again {counted(again, 'time')}"
     print(f"{counts}, {np.median(ms):.1f} ms an image")
     if len(seen := np.flatnonzero(~lost)):
         fits, rms = np.median(arrays["fits"][seen], axis=0), float(np.median(arrays["rms"][seen]))
@@ -113,7 +114,7 @@ def _settings(frames: DepthFrames) -> ObjectTrackerSettings:
     if middle > _SLOW:
         tell(f"the images are {middle:.4g} s apart, by their time: it is in seconds.")
     if gaps := int((steps > 1.5 * middle).sum()):
-        tell(f"{gaps} images came late: the tracker takes all to be {1000 * middle:.0f} ms apart.")
+        tell(f"{counted(gaps, 'image')} came late: the tracker takes all to be {1000 * middle:.0f} ms apart.")
     return ObjectTrackerSettings(rate=1 / middle)
 
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from .._errors import RobotError, UnknownNameError
-from .._rotations import pose, rotation_of_vector
+from .._rotations import pose, rotation_of_rpy
 
 _KEYS = ("file", "name", "root", "fixed", "mount", "tools", "packages", "ignore", "srdf", "cover_error")
 _WORDS = ("file", "name", "root", "srdf")
@@ -81,5 +81,4 @@ def pose_of_numbers(numbers: Any, what: str) -> np.ndarray:
         values = np.zeros(0)
     if values.shape not in ((3,), (6,)) or not np.isfinite(values).all():
         raise RobotError(f"{what} is {numbers!r}, expected 3 or 6 numbers: x, y, z, m, and roll, pitch, yaw, rad.")
-    roll, pitch, yaw = rotation_of_vector(np.diag(values[3:] if values.size > 3 else np.zeros(3)))
-    return pose(values[:3], yaw @ pitch @ roll)
+    return pose(values[:3], rotation_of_rpy(values[3:] if values.size > 3 else np.zeros(3)))

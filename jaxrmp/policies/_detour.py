@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._errors import ConfigurationError
 from .._linalg import length
 from .._pytree import pytree
 from .._task_map import Pushforward, TaskMap, compose
@@ -106,8 +107,10 @@ def find_detour(
     **Arguments**: `policy`, whose own `aside` does not count; `T_world_target` and `world` as in `ArmPolicy.tree`;
     `share`, the steepest slope of the detour as a share of the tasks' pull, their energy at q over how far hands have
     to go; `reach` and `lean`, m; `duration` and `dt`, s, of the rollouts.
-    **Returns** a `FoundDetour`.
+    **Returns** a `FoundDetour`. **Raises** `ConfigurationError` for a `dt` that is not positive, or beyond `duration`.
     """
+    if not 0 < dt <= duration < np.inf:
+        raise ConfigurationError(f"dt is {dt!r} and duration {duration!r}, expected seconds, 0 < dt <= duration.")
     q = jnp.asarray(q, jnp.result_type(q, jnp.float32))
     sides = np.concatenate([np.zeros((2, 3)), lean * np.eye(3), -lean * np.eye(3)])
     pull = _pull(policy, q, T_world_target)

@@ -6,6 +6,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
+from .._counted import counted
 from .._errors import ConfigurationError, UnsafeFileWarning
 from ..kinematics import Robot
 from ..world import RobotSpheres, SelfDistances
@@ -23,10 +24,11 @@ def check_rest(robot: Robot, spheres: RobotSpheres, pairs: tuple[tuple[int, int]
         return
     k = int(np.argmin(gaps))
     links = spheres.frames[pairs[k][0]], spheres.frames[pairs[k][1]]
+    where = "the posture rest" if chosen else "the middle of the joints, where it rests without another"
+    several = counted(int((gaps < 0).sum()), "pair")
     told = (
-        f"in {'the posture rest' if chosen else 'the middle of the joints, where it rests without another'}, spheres "
-        f"on {links[0]} and {links[1]} overlap by {-100 * gaps[k]:.1f} cm ({(gaps < 0).sum()} pairs do), so that "
-        f"{robot.name!r} cannot rest there. Take another, such as policies.find_rest has. If the links are apart "
+        f"in {where}, spheres on {links[0]} and {links[1]} overlap by {-100 * gaps[k]:.1f} cm ({several} in all), so "
+        f"that {robot.name!r} cannot rest there. Take another, such as policies.find_rest has. If the links are apart "
         f"there: {mend_cover(robot, spheres, [links])}"
     )
     if chosen:

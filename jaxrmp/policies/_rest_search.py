@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from .._errors import ConfigurationError
+from .._errors import ConfigurationError, ShapeError
 from ..kinematics import Robot
 from ..kinematics._arranged import pose_of
 from ..kinematics._body_poses import body_poses
@@ -44,13 +44,15 @@ def find_rest(
     default `own_self_pairs`; `own` [n], rad or m, a posture that is returned as it is if it is clear and better
     conditioned than a twentieth of random ones, or if none of those is clear; `seed`, or a generator, of the random.
     **Returns** the posture [n]. **Raises** `ConfigurationError` if no random posture is clear, `UnknownNameError` for a
-    frame that is not there.
+    frame that is not there, `ShapeError` for another `own`.
     """
     hands = (hands,) if isinstance(hands, str) else tuple(hands)
     moving = spheres
     if spheres is not None:
         moving, spheres, pairs = lean(robot, spheres, own_self_pairs(robot, spheres) if pairs is None else pairs)
     given = robot.middle if own is None else np.asarray(own, float)
+    if given.shape != (robot.num_joints,):
+        raise ShapeError(f"own has shape {given.shape}, expected ({robot.num_joints},): a position of each joint.")
     q = np.concatenate([given[None], _random(robot, np.random.default_rng(seed))])
     J = _jacobians(robot, hands, q)
     moved = np.abs(J).max(axis=(0, 1)) > 1e-6

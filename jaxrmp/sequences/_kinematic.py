@@ -8,6 +8,7 @@ import numpy as np
 
 from .._errors import ConfigurationError, ShapeError
 from .._pytree import single
+from .._task_map import check_rigid
 from ..kinematics import Robot
 from ..simulation import Motion
 from ..world import World
@@ -40,19 +41,21 @@ def roll_sequence(
     dt: float = 0.001,
     on_gripper: Callable[[GripperMove], None] | None = None,
 ) -> SequencePath:
-    """Roll a `sequence` out from rest at `q` [n], without a break: velocities carry over from state to state.
+    """Roll a `sequence` out from rest at `q` [n], without a break: velocities carry over from state to state. Nothing
+    here looks whether something is touched: `run_sequence` does.
 
     **Arguments**: `robot`, whose policies they are; `T_world_object` [4, 4], where the object is, by default at the
     world's origin; `world`, what the policies are told to avoid, by default nothing; `dt`, s, of a step; guards are
     looked at every tenth. `on_gripper` is called with what the fingers are told: nothing else here moves them.
-    **Returns** a `SequencePath`. **Raises** `ShapeError` for another `q`, `ConfigurationError` for another `dt`.
+    **Returns** a `SequencePath`. **Raises** `ShapeError` for another `q`, `ConfigurationError` for another `dt`,
+    `RigidTransformError` for an object's pose that is none.
     """
     q = np.asarray(q, np.float32)
     if q.shape != (robot.num_joints,):
         raise ShapeError(f"q has shape {q.shape}, expected ({robot.num_joints},).")
     if not 0 < dt < 1:
         raise ConfigurationError(f"dt is {dt!r}, expected seconds between 0 and 1.")
-    T = np.eye(4) if T_world_object is None else np.asarray(T_world_object, float)
+    T = np.eye(4) if T_world_object is None else np.asarray(check_rigid(T_world_object, "T_world_object"), float)
     world = single(world or World())
     policies = [jax.device_put(single(state.policy)) for state in sequence.states]
     motion, memory, book, step = Motion.at_rest(q), Memory(), Book(), 0

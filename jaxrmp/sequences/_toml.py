@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .._errors import ConfigurationError, JaxrmpError, UnknownNameError
-from .._rotations import pose, rotation_of_quaternion, rotation_of_vector
+from .._rotations import pose, rotation_of_quaternion, rotation_of_rpy
 from ..kinematics import Robot
 from ..learning import Skill, load_skill
 from ..scenes import Scene
@@ -244,10 +244,7 @@ def _state(entry: dict[str, Any], skill: Skill | None, scene: Scene, rest: Any) 
     settings["relative_to"] = entry.get("relative_to", "object")
     R, turned = np.eye(3), True
     if "rpy_degrees" in entry:
-        roll, pitch, yaw = (
-            rotation_of_vector(np.radians(a) * axis) for a, axis in zip(entry["rpy_degrees"], np.eye(3), strict=True)
-        )
-        R = yaw @ pitch @ roll
+        R = rotation_of_rpy(np.radians(entry["rpy_degrees"]))
     elif "quaternion_wxyz" in entry:
         R = rotation_of_quaternion(np.asarray(entry["quaternion_wxyz"], float))
     else:

@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from .._counted import counted
+
 AVOIDS = {"to obstacles": "collision_avoidance", "to itself": "self_collision"}
 """Distances that a page shows, and the leaves that know them."""
 _LOSES = {
@@ -40,7 +42,7 @@ def avoidance_words(
         elif gains.get(f"{leaf}.barrier", 1.0) == 0:
             said.append(f"{leaf} has a barrier of zero: {_LOSES[what]}")
     if ignored:
-        said.append(f"{ignored} obstacle{'s' * (ignored > 1)} not finite, ignored")
+        said.append(f"{counted(ignored, 'obstacle')} not finite, ignored")
     return " · ".join(said)
 
 
@@ -52,5 +54,5 @@ def energy_words(uncertified: tuple[str, ...], energy: float, violations: int) -
     else:
         state = "certified: V may only fall (of collisions this says nothing)"
     if violations:
-        return f"{state} · V rose, or was not a number, in {violations} frames"
+        return f"{state} · V rose, or was not a number, in {counted(violations, 'frame')}"
     return f"{state} · " + ("V has not risen by itself" if np.isfinite(energy) else "not checked yet")

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from .._counted import counted
 from .._errors import ConfigurationError
 from .._files import atomic_write
 from ..learning import Skill, load_skill, save_skill
@@ -63,7 +64,7 @@ def save_gains(gains: dict[str, float], path: Path, skill: Skill | None, replace
         raise ConfigurationError(f"{path} is there already: choose another name, or say that it may be replaced.")
     if path.suffix == ".toml":
         write_gains(gains, path)
-        return f"Saved {len(gains)} gains in {path}: `jaxrmp view --gains {path}` begins with them."
+        return f"Saved {counted(len(gains), 'gain')} in {path}: `jaxrmp view --gains {path}` begins with them."
     changed: Any = skill
     for name, value in gains.items():
         if name in {gain.path for gain in gains_of(skill)}:

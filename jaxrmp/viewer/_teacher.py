@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from .._counted import counted
 from .._errors import DemonstrationError, JaxrmpError
 from ..learning import check_replaceable
 from ._inputs import with_gain
@@ -192,7 +193,7 @@ class Teacher(Session):
         fixed = {joint.name: joint.offset for joint in joints if joint.coordinate < 0}
         configuration = write_configuration(self.out, self._robot_name, self.content.hand, targeted, fixed)
         self.tell(
-            f"Saved {len(self.recorder.recordings)} demonstrations. Learn them with\n\n"
+            f"Saved {counted(len(self.recorder.recordings), 'demonstration')}. Learn them with\n\n"
             f"`jaxrmp learn {configuration} --demos {self.out}`"
         )
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from .._counted import counted
 from .._errors import ConfigurationError, FileWarning
 from ..kinematics import Robot
 from ..kinematics._robot_file import line_of_robot_file, toml_key
@@ -133,8 +134,8 @@ def own_self_pairs(robot: Robot, spheres: RobotSpheres) -> tuple[tuple[int, int]
         left = [f"{a} - {b}" for a, b in links]
         more = f" and {len(left) - _NAMED} more pairs of links" if len(left) > _NAMED else ""
         warnings.warn(
-            f"{robot.name!r}: {len(pairs) - len(kept)} pairs of spheres on {', '.join(left[:_NAMED])}{more} touch too "
-            f"often to tell, and are not kept apart. {mend_cover(robot, spheres, links[:_NAMED])}",
+            f"{robot.name!r}: {counted(len(pairs) - len(kept), 'pair of spheres')} on {', '.join(left[:_NAMED])}{more} "
+            f"touch too often to tell, and are not kept apart. {mend_cover(robot, spheres, links[:_NAMED])}",
             FileWarning,
             stacklevel=3,
         )

@@ -13,7 +13,7 @@ from matplotlib.image import imread
 
 from jaxrmp import ConfigurationError
 from jaxrmp.cli import main
-from jaxrmp.cli._evaluate import summary
+from jaxrmp.cli._evaluate import _rate, summary
 from jaxrmp.evaluation import KINDS, check_starts, sample_starts, scene_problem, skill_problem
 from jaxrmp.evaluation._finished import _key
 from jaxrmp.kinematics import panda
@@ -72,6 +72,7 @@ def test_what_was_not_watched_is_not_called_clear(report):
     blind = found | {"min_clearance_m": np.inf, "starts_that_touched": None}
     assert "smallest clearance      not watched" in summary(blind)
     assert "not watched (0 starts touched)" in summary(blind | {"starts_that_touched": 0})  # contacts in physics are
+    assert "(1 start touched)" in summary(found | {"starts_that_touched": 1})
 
 
 def test_what_is_kept_belongs_to_the_physics_that_it_came_from(skill_file):
@@ -82,6 +83,19 @@ def test_what_is_kept_belongs_to_the_physics_that_it_came_from(skill_file):
     assert _key(MujocoEngine(arm_alone("panda", robot), problem, StopCriteria()), problem, starts) == key
     place.model.dof_damping[:] += 1.0
     assert _key(engine, problem, starts) != key
+
+
+def test_the_time_left_does_not_count_the_compiling():
+    times, said = iter([0.0, 20.0, 40.0, 50.0, 60.0]), []
+    progress = _rate(lambda step, share: said.append(step), lambda: next(times))
+    for ended in (5, 5, 6, 26, 100):  # of which five were there already
+        progress(ended, 100)
+    assert said == [
+        *["5 of 100 ended"] * 2,
+        "6 of 100 ended",
+        "26 of 100 ended, 2/s, 37 s left",
+        "100 of 100 ended, 4.7/s, 0 s left",
+    ]
 
 
 def test_a_replay_leaves_alone_what_is_kept_of_an_evaluation(skill_file, tmp_path, capsys):

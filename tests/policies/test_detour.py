@@ -7,11 +7,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxrmp import TaskMap, certificate, pullback, pytree, uncertified_leaves
+from jaxrmp import ConfigurationError, TaskMap, certificate, pullback, pytree, uncertified_leaves
 from jaxrmp.kinematics import ControlPoints, forward_kinematics, panda
 from jaxrmp.leaves import CruisingAttractor, Damping
 from jaxrmp.policies import NOTHING as NO_LEAF
-from jaxrmp.policies import HandGoal, detour, find_detour, whole_arm_policy
+from jaxrmp.policies import HandGoal, detour, find_detour, reaching_policy, whole_arm_policy
 from jaxrmp.simulation import rollout
 from jaxrmp.world import ObstacleDistances, Spheres, World
 
@@ -119,3 +119,10 @@ def test_nothing_leads_round_where_there_is_nothing_or_nobody_says_what_goes_whe
     assert free.hand(jnp.eye(4)) is None
     frame, offset, goal = HandGoal(np.eye(4), "panda_hand").hand(jnp.eye(4).at[0, 3].set(0.5))
     assert frame == "panda_hand" and offset.tolist() == [0, 0, 0] and goal.tolist() == [0.5, 0, 0]
+
+
+def test_a_look_ahead_needs_a_step_that_goes_ahead():
+    policy = reaching_policy(panda(), "panda_hand", START, self_collision=False)
+    for wrong in ({"dt": 0.0}, {"dt": np.nan}, {"duration": -1.0}, {"duration": np.inf}):
+        with pytest.raises(ConfigurationError, match="expected seconds, 0 < dt <= duration"):
+            find_detour(policy, START, np.eye(4), World(), **wrong)

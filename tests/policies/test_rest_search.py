@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jaxrmp import ConfigurationError
+from jaxrmp import ConfigurationError, ShapeError
 from jaxrmp.kinematics import forward_kinematics, geometric_jacobian, load_robot
 from jaxrmp.policies import find_rest
 from jaxrmp.world import RobotSpheres, own_self_pairs, own_spheres
@@ -54,3 +54,8 @@ def test_spheres_too_coarse_to_tell_are_an_error_or_leave_the_posture_that_there
     with pytest.raises(ConfigurationError, match="too coarse"):
         find_rest(robot, "l5", coarse, pairs)
     np.testing.assert_array_equal(find_rest(robot, "l5", coarse, pairs, own=robot.middle), robot.middle)
+
+
+def test_a_posture_of_another_arm_is_told(robot):
+    with pytest.raises(ShapeError, match=r"own has shape \(6,\), expected \(7,\)"):
+        find_rest(robot, "l5", own=np.zeros(6))

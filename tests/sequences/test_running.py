@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from jaxrmp import ConfigurationError
+from jaxrmp import ConfigurationError, RigidTransformError
 from jaxrmp.kinematics import forward_kinematics
 from jaxrmp.sequences import After, Arrived, GripperMove, Sequence, roll_sequence, run_sequence
 from jaxrmp.sequences._report import Energy
@@ -34,6 +34,12 @@ def test_energy_falls_within_states_and_jumps_at_the_switch_alone(reaching, grip
     switch = np.flatnonzero(np.diff(path.state))[0]
     assert np.abs(path.qd[switch]).max() > 0.1  # nothing is brought to a stand for it
     assert np.abs(path.qd[switch + 1] - path.qd[switch]).max() < 0.6  # in 10 ms
+
+
+def test_an_object_at_no_pose_is_told(reaching, gripping):
+    wait = Sequence((reaching("wait", at(0.3, 0.4, 0.3), After(0.1)),))
+    with pytest.raises(RigidTransformError, match="T_world_object is no rigid transform"):
+        roll_sequence(wait, gripping, START, 2 * np.eye(4) - np.diag([0, 0, 0, 1.0]))
 
 
 def test_an_energy_that_is_no_number_is_no_fall():

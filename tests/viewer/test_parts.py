@@ -400,6 +400,11 @@ def test_the_page_says_what_is_not_checked_and_never_that_all_is_well():
     assert "of collisions this says nothing" in energy_words((), 1.0, 0)
 
 
+def test_one_frame_is_not_frames():
+    assert "not a number, in 1 frame" in energy_words((), 1.0, 1) and not energy_words((), 1.0, 1).endswith("frames")
+    assert energy_words((), 1.0, 2).endswith("in 2 frames")
+
+
 def test_the_way_to_the_goal_is_told_in_words():
     assert goal_words(0.0031, True, {}) == "at the goal: 3.1 mm off"
     assert goal_words(0.123, False, {}) == "12 cm to the goal"
