@@ -4,6 +4,9 @@ from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+from jax.core import Tracer
+
 from .._tree import Leaf, Node, pullback
 from ..kinematics import Robot
 from ..leaves import CollisionAvoidance
@@ -37,14 +40,16 @@ def self_avoidance(
     **gains: Any,
 ) -> Node:
     """Keeps `pairs` (i, j) of spheres on the robot off each other, by default those of `own_self_pairs(robot, spheres)`
-    that ever come near (`without_never_near`).
+    that ever come near, to twice the leaf's `reach` or 10 cm (`without_never_near`).
 
     `NOTHING` without pairs; the rest as `avoidance`.
     """
     if spheres is None:
         return NOTHING
+    leaf = replace(leaf, **gains)
     if pairs is None:
-        pairs = without_never_near(robot, spheres, own_self_pairs(robot, spheres))
+        reach, pairs = getattr(leaf, "reach", 0.0), own_self_pairs(robot, spheres)
+        if not isinstance(reach, Tracer):  # whose number is not known
+            pairs = without_never_near(robot, spheres, pairs, max(0.1, 2 * float(np.max(reach))))
     pairs = tuple(pairs)
-    distances = SelfDistances(spheres.points(robot), pairs, spheres.radii)
-    return pullback(distances, replace(leaf, **gains)) if pairs else NOTHING
+    return pullback(SelfDistances(spheres.points(robot), pairs, spheres.radii), leaf) if pairs else NOTHING

@@ -49,6 +49,17 @@ def with_gains_of(policy: Any, path: Path) -> Any:
     return policy
 
 
+def place_for_gains(name: str) -> Path:
+    """The file of this `name`, in the folder that the command runs in or below: whoever has the page has no other.
+
+    **Raises** `ConfigurationError` for one that is elsewhere.
+    """
+    here = Path.cwd()
+    if not (here / name).resolve().is_relative_to(here.resolve()):
+        raise ConfigurationError(f"{name!r} is not in {here}, where the command runs: a page saves there, or below.")
+    return Path(name)
+
+
 def save_gains(gains: dict[str, float], path: Path, skill: Skill | None, replace: bool) -> str:
     """Write the changed `gains` to `path`, as TOML (`.toml`), or into a copy of the `skill` (`.npz`), and say in words
     what was written, and what a skill's file has no place for.

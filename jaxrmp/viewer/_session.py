@@ -3,7 +3,6 @@
 import threading
 import time
 from collections import deque
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
@@ -18,7 +17,7 @@ from ._arm import ArmView
 from ._claims import AVOIDS, avoidance_words, banners, energy_words, lacking
 from ._depth import DepthView
 from ._furniture import FurnitureView, camera_of
-from ._gain_file import save_gains
+from ._gain_file import place_for_gains, save_gains
 from ._goal import GoalNumbers, Resting, goal_words
 from ._inputs import GainSliders, LeafSwitches
 from ._lines import Trace
@@ -356,9 +355,9 @@ class Session:
 
         @button.on_click
         def _(_: Any) -> None:
-            given = self.gains.changed, Path(self.gain_file.value), skill, bool(self.gain_replace.value)
             try:
-                self.gain_told.content = save_gains(*given)
+                place = place_for_gains(self.gain_file.value)
+                self.gain_told.content = save_gains(self.gains.changed, place, skill, bool(self.gain_replace.value))
             except (JaxrmpError, OSError) as error:
                 self.gain_told.content = f"**Not saved:** {error}"
 

@@ -97,6 +97,12 @@ def test_what_a_robot_lacks_adds_nothing(arm, spheres):
         assert policies.reaching_policy(wheel, "rim").spheres is None
 
 
+def test_the_farther_links_feel_each_other_the_more_pairs_are_kept(arm, spheres):
+    near, far = (policies.self_avoidance(arm, spheres, reach=reach).task_map.pairs for reach in (0.05, 0.4))
+    unknown = jax.eval_shape(lambda reach: policies.self_avoidance(arm, spheres, reach=reach), 0.05)
+    assert set(near) < set(far) <= set(unknown.task_map.pairs) == set(own_self_pairs(arm, spheres))
+
+
 def test_own_spheres_of_the_panda_are_the_measured_ones_and_finer_at_the_hand():
     found, measured = own_spheres(panda()), panda_spheres()
     assert found.frames == measured.frames and own_self_pairs(panda(), found) == panda_self_pairs()

@@ -3,6 +3,7 @@
 import socket
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -20,7 +21,7 @@ from jaxrmp.learning import load_demonstrations
 from jaxrmp.leaves import Attractor, Damping, Posture
 from jaxrmp.simulation import Motion
 from jaxrmp.viewer._claims import avoidance_words, banners, energy_words
-from jaxrmp.viewer._gain_file import save_gains, with_gains_of
+from jaxrmp.viewer._gain_file import place_for_gains, save_gains, with_gains_of
 from jaxrmp.viewer._goal import Resting, goal_words
 from jaxrmp.viewer._inputs import gain_value, gains_of, with_gain
 from jaxrmp.viewer._live import Reading, Situation, examine
@@ -450,6 +451,15 @@ def test_gains_are_saved_in_files_that_are_read_again(tmp_path, door_learning):
     said = save_gains({"learned.speed": 0.31, "hand_orientation.weight": 1.0}, copy, door_learning.skill, False)
     assert "with learned.speed in" in said and said.endswith("no place for them: hand_orientation.weight.")
     assert gain_value(load_skill(copy), "learned.speed") == pytest.approx(0.31)
+
+
+def test_a_page_saves_gains_where_the_command_runs_alone(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert place_for_gains("tuned/gains.toml") == Path("tuned/gains.toml")
+    (tmp_path / "out").symlink_to(tmp_path.parent)
+    for name in ("../gains.toml", "/etc/gains.toml", "out/gains.toml", "a/../../gains.toml"):
+        with pytest.raises(ConfigurationError, match="where the command runs"):
+            place_for_gains(name)
 
 
 def test_series_of_a_chart_are_drawn_as_those_of_figures_and_no_two_alike():
