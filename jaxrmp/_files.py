@@ -2,7 +2,6 @@
 
 import contextlib
 import os
-import tempfile
 import zipfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -10,7 +9,7 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-_unfinished: set[str] = set()  # files that are being written, under the names that they have until they are whole
+from ._unfinished import temporary_file
 
 
 @contextlib.contextmanager
@@ -18,28 +17,13 @@ def atomic_write(path: str | os.PathLike) -> Iterator[BinaryIO]:
     """Open a binary file that takes the place of `path` when the block ends, and vanishes if the block fails."""
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    _unfinished.add(temporary)
-    try:
+    with temporary_file(path.parent, f".{path.name}.") as (handle, temporary):
         with os.fdopen(handle, "wb") as file:
             yield file
         umask = os.umask(0)
         os.umask(umask)
         os.chmod(temporary, 0o666 & ~umask)
         os.replace(temporary, path)
-    except BaseException:
-        with contextlib.suppress(OSError):
-            os.unlink(temporary)
-        raise
-    finally:
-        _unfinished.discard(temporary)
-
-
-def forget_unfinished() -> None:
-    """Remove the files that are being written now: for a process that ends without another word."""
-    for temporary in list(_unfinished):
-        with contextlib.suppress(OSError):
-            os.unlink(temporary)
 
 
 def read_npz(path: str | os.PathLike) -> dict[str, np.ndarray]:

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from .._errors import JaxrmpError
-from ._ending import CODES, INTERRUPTED, Ended, ended_by_signals
+from ._ending import CODES, INTERRUPTED, Ended, end_at_once, ended_by_signals
 from ._parser import build_parser
 
 _BRAKED = ("drive", "record")  # look after signals themselves: an arm is braked first
@@ -45,11 +45,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         )
         return 1
     except KeyboardInterrupt as interrupt:
+        if isinstance(interrupt, Ended):
+            end_at_once(interrupt.code, "" if parsed.command in _PAGES else INTERRUPTED)
         print(INTERRUPTED, file=sys.stderr)
-        if isinstance(interrupt, Ended):  # at once: threads that compile do not live through the interpreter's own end
-            sys.stdout.flush()
-            sys.stderr.flush()
-            os._exit(interrupt.code)
         return 130
     return 0
 

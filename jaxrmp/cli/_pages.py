@@ -2,32 +2,29 @@
 
 import argparse
 import contextlib
-import signal
-import threading
 import time
 from collections.abc import Callable
 
 from ..viewer import Access, Session
 from ._optional import require
-from ._output import progress_bar
+from ._output import progress_bar, tell
 
 
 def show(make: Callable[[Callable[[str, float], None]], Session], arguments: argparse.Namespace, hint: str) -> None:
-    """Run the page that `make` makes, given a function that tells of its steps, until Ctrl-C, or until it is closed if
-    that is asked for. Both are the way out, and no error. `hint` is what to do there; `{hand}` is the frame that moves.
+    """Run the page that `make` makes, given a function that tells of its steps, until it is closed, if that is asked
+    for, or else until Ctrl-C. `hint` is what to do there; `{hand}` is the frame that moves.
 
-    **Raises** what ends the page otherwise.
+    **Raises** what ends the page otherwise, and what a signal raises at once: a thread that compiles can be waited for
+    when a page ends by itself, but not then.
     """
     require("viewer")
     begun = time.monotonic()
     with contextlib.ExitStack() as coming:
         progress = coming.enter_context(progress_bar(arguments.quiet))
-        session: Session | None = None
-        if threading.current_thread() is threading.main_thread():
-            signal.signal(signal.SIGTERM, signal.default_int_handler)
-            signal.signal(signal.SIGINT, signal.default_int_handler)  # which a script's background jobs ignore
+        session = make(progress)
         try:
-            session = make(progress)
+            if not arguments.quiet:
+                tell(f"{session.url} is there already; its arm moves once the policy is compiled.")
             progress("compiling", 0.5)
             session.start()
             coming.close()
@@ -39,11 +36,10 @@ def show(make: Callable[[Callable[[str, float], None]], Session], arguments: arg
                 flush=True,
             )
             session.wait(arguments.until_closed)
-        except KeyboardInterrupt:
-            print()
-        finally:
-            if session is not None:
-                session.stop()
+        except Exception:
+            session.stop()
+            raise
+        session.stop()
 
 
 def access_of(arguments: argparse.Namespace) -> Access:

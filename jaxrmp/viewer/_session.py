@@ -74,7 +74,7 @@ class Session:
         self._opened_server = open_server(port, label, self.access)
         self.server = server = self._opened_server.server
         self.drawn = 0
-        self._end = threading.Event()
+        self._end, self._threads = threading.Event(), list[threading.Thread]()
         self._opened = threading.Event()  # whether there ever was a page
         server.on_client_connect(lambda _: self._opened.set())
         self._failure: BaseException | None = None
@@ -171,6 +171,7 @@ class Session:
         looking = threading.Thread(target=self._guarded, args=(self._look,), name="_look", daemon=True)
         self._first = self.read()
         looking.start()  # two programs, on two cores; the arm moves as soon as its own is there
+        self._threads.append(looking)
         self.loop.prepare()
         if self.depth is not None:
             self.depth.ready.wait()
@@ -179,7 +180,7 @@ class Session:
         self.loop.start()
         drawing = threading.Thread(target=self._guarded, args=(self._draw,), name="_draw", daemon=True)
         drawing.start()
-        self._threads = [looking, drawing]
+        self._threads.append(drawing)
 
     def stop(self) -> None:
         """End it all; the page shows that it is gone."""
@@ -187,7 +188,7 @@ class Session:
         self.loop.stop()
         if self.depth is not None:
             self.depth.stop()
-        for thread in getattr(self, "_threads", []):
+        for thread in self._threads:
             if thread is not threading.current_thread():
                 thread.join(timeout=60.0)  # one that compiles cannot be ended sooner
         self._opened_server.stop()

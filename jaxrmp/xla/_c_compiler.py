@@ -6,9 +6,10 @@ import os
 import platform
 import shutil
 import subprocess
-import tempfile
 from collections.abc import Sequence
 from pathlib import Path
+
+from .._unfinished import call, working_folder
 
 _LONGEST = 300  # seconds that the C compiler may take
 
@@ -27,11 +28,11 @@ def library_of(text: str, flags: str, libraries: Sequence[str], include: Sequenc
     if library.exists():
         return library
     folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-    with tempfile.TemporaryDirectory(dir=folder) as made:
-        source, result = Path(made, "program.c"), Path(made, "program.so")
+    with working_folder(folder) as made:
+        source, result = made / "program.c", made / "program.so"
         source.write_text(text)
         command = [compiler, *flags.split(), *include, str(source), "-o", str(result), *libraries]
-        ran = subprocess.run(command, capture_output=True, text=True, check=False, timeout=_LONGEST)
+        ran = call(command, made, _LONGEST)
         if ran.returncode:
             raise OSError(f"{' '.join(command[:3])} ...: {ran.stderr.strip()[-300:]}")
         os.replace(result, library)

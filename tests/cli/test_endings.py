@@ -20,6 +20,7 @@ from jaxrmp.cli import main
 from jaxrmp.evaluation import _finished, evaluate, limit_leaf, sample_starts, skill_problem
 from jaxrmp.kinematics import panda
 from jaxrmp.simulation import KinematicEngine, StopCriteria
+from jaxrmp.xla._c_compiler import library_of
 
 from ..evaluation.reaching import reaching_skill
 
@@ -32,9 +33,9 @@ def skill_file(tmp_path_factory):
     return str(learning.save_skill(reaching_skill(), tmp_path_factory.mktemp("skill") / "reach.skill.npz"))
 
 
-def started(*arguments: str, until: str) -> subprocess.Popen:
-    """The command in a process of its own, once it has printed `until`."""
-    cache = str(jax.config.jax_compilation_cache_dir or "")
+def started(*arguments: str, until: str, cache: str = "") -> subprocess.Popen:
+    """The command in a process of its own, once it has printed `until`; its compiled programs are in `cache`."""
+    cache = cache or str(jax.config.jax_compilation_cache_dir or "")
     environment = {**os.environ, "PYTHONUNBUFFERED": "1", "JAX_COMPILATION_CACHE_DIR": cache}
     command = [sys.executable, "-m", "jaxrmp", *arguments]
     process = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment)
@@ -77,6 +78,60 @@ def test_a_signal_ends_a_step_that_does_not_hear_it(tmp_path):
     _, said = process.communicate(timeout=30)
     assert process.returncode == 143 and "interrupted" in said
     assert os.listdir(tmp_path) == []
+
+
+@pytest.mark.parametrize(("command", "number"), [("view", signal.SIGTERM), ("teach", signal.SIGINT)])
+def test_a_page_ends_well_while_its_threads_compile(tmp_path, command, number):
+    pytest.importorskip("viser", reason="needs viser: pip install 'jaxrmp[viewer]'")
+    out, cache = tmp_path / "out", str(tmp_path / "cache")
+    words = [command, "--port", "0", *(["--out", str(out)] if command == "teach" else [])]
+    process = started(*words, until="compiling", cache=cache)
+    time.sleep(4.0)  # by then both of its programs are being compiled, which takes longer
+    process.send_signal(number)
+    printed, said = process.communicate(timeout=30)  # it takes one or two
+    assert process.returncode == 0, said
+    assert "The page is at" not in printed and "Traceback" not in said
+    assert not out.exists()
+
+
+def test_a_c_compiler_and_its_folder_go_with_the_process(tmp_path):
+    """A compiler that takes long, and whose work is done by a process that it starts, as those of GCC are."""
+    compiler, cache, pids = tmp_path / "cc", tmp_path / "cache", tmp_path / "pids"
+    compiler.write_text(
+        f'#!/bin/sh\n[ "$1" = --version ] && exit\nsleep 600 &\nmktemp -p "$TMPDIR"\necho $$ $! > {pids}.new\n'
+        f"mv {pids}.new {pids}\nwait\n"
+    )
+    compiler.chmod(0o700)
+    program = (
+        "import signal, threading, time\n"
+        "from jaxrmp.cli._ending import ended_by_signals\n"
+        "from jaxrmp.xla._c_compiler import library_of\n"
+        "with ended_by_signals():\n"
+        "    signal.signal(signal.SIGTERM, lambda *_: None)\n"
+        "    threading.Thread(target=library_of, args=('', '', []), daemon=True).start()\n"
+        "    time.sleep(60)\n"
+    )
+    environment = {**os.environ, "CC": str(compiler), "JAXRMP_CACHE": str(cache), "TMPDIR": str(tmp_path)}
+    process = subprocess.Popen([sys.executable, "-c", program], env=environment)
+    deadline = time.monotonic() + 60
+    while not pids.exists():
+        assert process.poll() is None and time.monotonic() < deadline
+        time.sleep(0.1)
+    process.send_signal(signal.SIGTERM)
+    assert process.wait(timeout=30) == 143
+    assert list(cache.iterdir()) == []
+    assert not any(_alive(int(pid)) for pid in pids.read_text().split())
+
+
+def test_folders_that_killed_compilers_left_go_after_an_hour(tmp_path, monkeypatch):
+    monkeypatch.setenv("JAXRMP_CACHE", str(tmp_path))
+    for name in ("tmp_old", "tmp_new", "spheres"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "file").write_text("")
+    for name in ("tmp_old", "spheres"):
+        os.utime(tmp_path / name, (0, time.time() - 4000))
+    library = library_of("int one(void) { return 1; }", "-shared -fPIC", [])
+    assert {file.name for file in tmp_path.iterdir()} == {"tmp_new", "spheres", library.name}
 
 
 def test_no_process_outlives_the_one_that_started_it(skill_file, tmp_path):

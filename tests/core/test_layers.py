@@ -160,7 +160,9 @@ def test_a_module_imports_only_what_its_layer_may(path):
                 expected = {"core", "xla", *LAYERS[part]}
                 assert target in expected, f"{name_of(path)} imports {imported}; {part} may import {sorted(expected)}"
             if part == "xla" and target == "core":
-                assert below[0] == "_errors", f"{name_of(path)} imports {imported}; it is below the core"
+                assert below[0] in ("_errors", "_unfinished"), (
+                    f"{name_of(path)} imports {imported}; it is below the core"
+                )
             if part == "core" and target not in ("core", "xla"):
                 assert name_of(path) == "__init__.py", f"{name_of(path)} imports {imported}"
         elif root not in sys.stdlib_module_names:

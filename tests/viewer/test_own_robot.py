@@ -59,10 +59,10 @@ def test_an_arm_of_ones_own_follows_its_goal_until_ctrl_c(command, chromium, tmp
 def address(process: subprocess.Popen, said: Path) -> str:
     """Where the page is, once the command says so."""
     end = time.monotonic() + 180
-    while not (found := re.search(r"http://127\.0\.0\.1:\d+", said.read_text())):
+    while not (found := re.search(r"The page is at (http://127\.0\.0\.1:\d+)", said.read_text())):
         assert process.poll() is None and time.monotonic() < end, said.read_text()
         time.sleep(0.2)
-    return found[0]
+    return found[1]
 
 
 def pixels(page: Page, file: Path) -> np.ndarray:
