@@ -15,10 +15,17 @@ _unfinished: set[str] = set()  # files that are being written, under the names t
 
 @contextlib.contextmanager
 def atomic_write(path: str | os.PathLike) -> Iterator[BinaryIO]:
-    """Open a binary file that takes the place of `path` when the block ends, and vanishes if the block fails."""
+    """Open a binary file that takes the place of `path` when the block ends, and vanishes if the block fails.
+
+    **Raises** `OSError`, which names `path`, where no file can be made.
+    """
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    try:
+        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    except OSError as error:
+        error.filename = str(path)  # not one that nobody has asked for
+        raise
     _unfinished.add(temporary)
     try:
         with os.fdopen(handle, "wb") as file:
