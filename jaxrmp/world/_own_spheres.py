@@ -136,7 +136,8 @@ def own_self_pairs(robot: Robot, spheres: RobotSpheres) -> tuple[tuple[int, int]
         more = f" and {len(left) - _NAMED} more pairs of links" if len(left) > _NAMED else ""
         warnings.warn(
             f"{robot.name!r}: {counted(len(pairs) - len(kept), 'pair of spheres')} on {', '.join(left[:_NAMED])}{more} "
-            f"touch too often to tell, and are not kept apart. {mend_cover(robot, spheres, links[:_NAMED], pairs)}",
+            "touch too often to tell, and are not kept apart, other pairs on these links are. "
+            f"{mend_cover(robot, spheres, links[:_NAMED], pairs, finer=not robot.model.cover_error)}",
             FileWarning,
             stacklevel=3,
         )
@@ -144,20 +145,25 @@ def own_self_pairs(robot: Robot, spheres: RobotSpheres) -> tuple[tuple[int, int]
 
 
 def mend_cover(
-    robot: Robot, spheres: RobotSpheres, links: Sequence[tuple[str, str]], pairs: Sequence[tuple[int, int]] = ()
+    robot: Robot,
+    spheres: RobotSpheres,
+    links: Sequence[tuple[str, str]],
+    pairs: Sequence[tuple[int, int]],
+    *,
+    finer: bool = True,
 ) -> str:
     """What to do where `spheres` on some pairs of `links` of a `robot` overlap, in words.
 
-    A cover half as coarse, unless the robot was loaded with one already, which has not helped, or the `pairs` of
-    spheres that must not meet would be too many by it.
+    With `finer`, a cover half as coarse, unless the `pairs` of spheres that must not meet would be too many by it.
     """
     half = f"{max(spheres.coverage_error / 2, 1e-3):.2g}" if np.isfinite(spheres.coverage_error) else "0.008"
     touched = {first: [b for a, b in links if a == first] for first, _ in links}
     lines = " and ".join(f"`{toml_key('ignore', first)} = {json.dumps(others)}`" for first, others in touched.items())
-    if robot.model.cover_error or _MORE_PAIRS * len(pairs) > MOST_PAIRS:
+    if not finer or _MORE_PAIRS * len(pairs) > MOST_PAIRS:
         return (
             "Where covers overlap and the links do not, as next to a joint, or where the links may touch, say so: "
-            f"{line_of_robot_file(lines.strip('`'), robot.source, robot.model.robot_file)}."
+            f"{line_of_robot_file(lines.strip('`'), robot.source, robot.model.robot_file)}. "
+            "Nothing keeps those links apart then."
         )
     said = line_of_robot_file(f"cover_error = {half}", robot.source, robot.model.robot_file)
     return (
