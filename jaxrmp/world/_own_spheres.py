@@ -136,7 +136,7 @@ def own_self_pairs(robot: Robot, spheres: RobotSpheres) -> tuple[tuple[int, int]
         more = f" and {len(left) - _NAMED} more pairs of links" if len(left) > _NAMED else ""
         warnings.warn(
             f"{robot.name!r}: {counted(len(pairs) - len(kept), 'pair of spheres')} on {', '.join(left[:_NAMED])}{more} "
-            "touch too often to tell, and are not kept apart, other pairs on these links are. "
+            "touch too often to tell, and are not kept apart; any other pairs on these links are. "
             f"{mend_cover(robot, spheres, links[:_NAMED], pairs, finer=not robot.model.cover_error)}",
             FileWarning,
             stacklevel=3,
