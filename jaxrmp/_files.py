@@ -14,10 +14,13 @@ from ._unfinished import temporary_file
 
 @contextlib.contextmanager
 def atomic_write(path: str | os.PathLike) -> Iterator[BinaryIO]:
-    """Open a binary file that takes the place of `path` when the block ends, and vanishes if the block fails."""
+    """Open a binary file that takes the place of `path` when the block ends, and vanishes if the block fails.
+
+    **Raises** `OSError`, which names `path`, where no file can be made.
+    """
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    with temporary_file(path.parent, f".{path.name}.") as (handle, temporary):
+    with temporary_file(path) as (handle, temporary):
         with os.fdopen(handle, "wb") as file:
             yield file
         umask = os.umask(0)

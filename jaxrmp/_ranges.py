@@ -28,7 +28,8 @@ POSITIVE = Range(lambda value: value > 0, "a positive number")
 Positive = Annotated[T, POSITIVE]
 NonNegative = Annotated[T, Range(lambda value: value >= 0, "a number that is not negative")]
 BelowOne = Annotated[T, Range(lambda value: value < 1, "a number below one")]
-Finite = Annotated[T, Range(np.isfinite, "a finite number")]
+FINITE = Range(np.isfinite, "a finite number")
+Finite = Annotated[T, FINITE]
 
 
 def ranges_of(cls: type) -> list[tuple[str, Range]]:

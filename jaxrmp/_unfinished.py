@@ -19,10 +19,15 @@ _programs = set[subprocess.Popen[str]]()
 
 
 @contextlib.contextmanager
-def temporary_file(folder: Path, prefix: str) -> Iterator[tuple[int, str]]:
-    """A new file of a name that nobody has, as descriptor and path. It is removed if the block fails, else left."""
+def temporary_file(beside: Path) -> Iterator[tuple[int, str]]:
+    """A new file next to `beside`, of a name that nobody has, as descriptor and path. It is removed if the block fails,
+    else left. **Raises** `OSError`, which names `beside`, where no file can be made."""
     with _beginning:
-        handle, path = tempfile.mkstemp(dir=folder, prefix=prefix)
+        try:
+            handle, path = tempfile.mkstemp(dir=beside.parent, prefix=f".{beside.name}.")
+        except OSError as error:
+            error.filename = str(beside)  # not one that nobody has asked for
+            raise
         _paths.add(path)
     try:
         yield handle, path

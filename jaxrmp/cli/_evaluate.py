@@ -1,11 +1,12 @@
 """`jaxrmp evaluate`: roll a skill out from thousands of starts and report how stable it is."""
 
 import argparse
+import contextlib
 import glob
 import os
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -33,7 +34,8 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
         raise ConfigurationError("--resume needs --json FILE, beside which finished starts were kept.")
     if arguments.processes > 1 and arguments.process is None:
         _begin(arguments, kept, arguments.processes)
-        spawn(arguments.processes, arguments.command_line)
+        with _kept_told(kept):
+            spawn(arguments.processes, arguments.command_line)
         return
     if arguments.process is None:
         _begin(arguments, kept, 1)
@@ -72,7 +74,8 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
         print(_replayed(arguments, found))
         return
     began = time.perf_counter()
-    with progress_bar(arguments.quiet) as show:
+    alone = contextlib.nullcontext() if PARENT in os.environ else _kept_told(kept)
+    with alone, progress_bar(arguments.quiet) as show:
         show(f"{len(starts)} rollouts ({engine.name})", 0.0)
         evaluation = evaluate(engine, problem, limits, starts, batch=arguments.batch, progress=_rate(show), keep=kept)
     if jax.process_index() != 0:
@@ -148,7 +151,7 @@ def summary(found: dict[str, Any]) -> str:
 def _begin(arguments: argparse.Namespace, kept: Path | None, processes: int) -> None:
     """Before anything is evaluated: go on from the finished starts of an evaluation that was cut short, or not.
 
-    **Raises** `ConfigurationError` for --resume where nothing is kept, or by another number of processes.
+    **Raises** `ConfigurationError` for --resume of what another number of processes kept.
     """
     files = _kept_files(kept)
     if not arguments.resume:
@@ -157,14 +160,26 @@ def _begin(arguments: argparse.Namespace, kept: Path | None, processes: int) -> 
             file.unlink(missing_ok=True)
         return
     if not files:
-        raise ConfigurationError(
-            f"--resume: there is no {kept}, so nothing is kept of an evaluation that was cut short."
-        )
+        tell(f"--resume: nothing is kept yet in {kept}, so all begins from the start.")
+        return
     own = [kept] if processes == 1 else [Path(f"{kept}.{i}") for i in range(processes)]
     if foreign := set(files) - set(own):
         raise ConfigurationError(
             f"--resume: {', '.join(sorted(map(str, foreign)))} is of another number of --processes: give the same one."
         )
+
+
+@contextlib.contextmanager
+def _kept_told(kept: Path | None) -> Iterator[None]:
+    """Where what is done within is interrupted, say whether there is something to go on from."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        if files := _kept_files(kept):
+            tell(f"--resume goes on from {', '.join(map(str, files))}.")
+        else:
+            tell("nothing has ended that is kept" + (": --resume would begin anew." if kept else ", without --json."))
+        raise
 
 
 def _kept_files(kept: Path | None) -> list[Path]:

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from .._errors import JaxrmpError
 from ._ending import CODES, INTERRUPTED, Ended, end_at_once, ended_by_signals
+from ._outputs import check_outputs
 from ._parser import build_parser
 
 _BRAKED = ("drive", "record")  # look after signals themselves: an arm is braked first
@@ -35,6 +36,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         ending = contextlib.nullcontext() if parsed.command in _BRAKED else ended_by_signals(codes)
         with ending, warnings.catch_warnings():
             warnings.showwarning = _show_warning
+            check_outputs(parsed)
             importlib.import_module(f"._{parsed.command}", __package__).run(parsed, rest)
     except JaxrmpError as error:
         print(f"jaxrmp: {error}", file=sys.stderr)

@@ -8,7 +8,7 @@ import numpy as np
 from gymnasium.vector.utils import batch_space
 
 from .._pytree import single
-from ._residual import ResidualEnvironment, reset, step, step_or_reset
+from ._residual import ResidualEnvironment, check_action, reset, step, step_or_reset
 
 _reset, _step = jax.jit(reset), jax.jit(step)
 _reset_all = jax.jit(jax.vmap(reset, (None, 0)))
@@ -33,6 +33,7 @@ class ResidualEnv(gymnasium.Env):
     def step(self, action):
         if self._state is None:
             raise gymnasium.error.ResetNeeded("reset() comes before step().")
+        check_action("action", action, self.action_space.shape)
         found = _step(self._environment, self._state, np.asarray(action, np.float32))
         self._state = found.state
         info = {name: np.asarray(value) for name, value in found.told._asdict().items()}
@@ -66,6 +67,7 @@ class ResidualVectorEnv(gymnasium.vector.VectorEnv):
     def step(self, actions):
         if self._state is None:
             raise gymnasium.error.ResetNeeded("reset() comes before step().")
+        check_action("actions", actions, self.action_space.shape)
         before = np.asarray(self._state.over)
         found = _step_all(self._environment, self._state, np.asarray(actions, np.float32))
         self._state = found.state

@@ -12,7 +12,7 @@ from .._errors import ConfigurationError, ShapeError
 from .._linalg import length as length_of
 from .._linalg import matmul
 from .._pytree import pytree, static
-from .._ranges import Finite, NonNegative, Positive
+from .._ranges import FINITE, Finite, NonNegative, Positive, require_number
 from ..kinematics import forward_kinematics
 from ..policies import ArmPolicy
 from ..simulation import Motion, euler, within_velocity_limits
@@ -153,7 +153,7 @@ def reset(environment: ResidualEnvironment, key: jax.Array) -> tuple[Environment
 def step(environment: ResidualEnvironment, state: EnvironmentState, action: jax.Array) -> Transition:
     """A step of an `environment` from `state`, with an `action` [n], which is cut to [-1, 1].
 
-    **Raises** `ShapeError` for an action of another shape.
+    **Raises** `ShapeError` for an action of another shape, `ConfigurationError` for one that is not finite.
     """
     action = _cut(environment, state, action)
     h, tree = environment.dt / environment.substeps, environment.policy.tree(state.T_world_target, environment.world)
@@ -201,13 +201,19 @@ def residual_certificate(environment: ResidualEnvironment, state: EnvironmentSta
     return Certificate(found.energy, rate, found.dissipation, (*uncertified_leaves(tree), RESIDUAL))
 
 
+def check_action(name: str, action: Any, shape: tuple[int, ...]) -> None:
+    """**Raises** `ShapeError` for an `action` of another `shape`, `ConfigurationError` for one that is not finite."""
+    _check_shape(name, action, [shape])
+    require_number("step", name, action, FINITE)
+
+
 def _check_shape(name: str, value: Any, expected: list[tuple[int, ...]]) -> None:
     if np.shape(value) not in expected:
         raise ShapeError(f"{name} has shape {np.shape(value)}, expected {' or '.join(map(str, expected))}.")
 
 
 def _cut(environment, state, action):
-    _check_shape("action", action, [(environment.joints,)])
+    check_action("action", action, (environment.joints,))
     return jnp.clip(jnp.asarray(action, state.motion.q.dtype), -1.0, 1.0)
 
 

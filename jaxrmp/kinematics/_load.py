@@ -74,7 +74,8 @@ def load_robot(
         for key, more in (("fixed", fixed), ("tools", tools), ("packages", packages), ("ignore", ignore)):
             described[key] = {**described.get(key, {}), **(more or {})}
         given = {"root": root, "mount": mount, "name": name, "srdf": srdf, "cover_error": cover_error}
-        return load_robot(**(described | {key: value for key, value in given.items() if value is not None}))
+        robot = load_robot(**(described | {key: value for key, value in given.items() if value is not None}))
+        return replace(robot, model=replace(robot.model, robot_file=str(path)))
     text, folders = read_text(path), tuple(require_folders(packages).items())
     robot = _robot_of(text, str(path), fixed, name, root, Path(path), folders)
     if ignore or srdf or cover_error is not None:

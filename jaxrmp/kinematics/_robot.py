@@ -70,6 +70,8 @@ class KinematicModel:
     # Pairs of its frames that may touch; how far spheres that cover it may stick out, m, 0 where not said; as above.
     ignore: tuple[tuple[str, str], ...] = dataclasses.field(default=(), compare=False)
     cover_error: float = dataclasses.field(default=0.0, compare=False)
+    # The TOML file that named all this, if one did; as above.
+    robot_file: str | None = dataclasses.field(default=None, compare=False)
 
     @functools.cached_property
     def fingerprint(self) -> str:

@@ -64,8 +64,11 @@ def toml_key(table: str, name: str) -> str:
     return f"{table}.{name if re.fullmatch('[A-Za-z0-9_-]+', name) else json.dumps(name)}"
 
 
-def line_of_robot_file(line: str, source: str | None) -> str:
-    """How to say `line`, of TOML, of the robot of the MJCF or URDF file `source`, in words for an advice."""
+def line_of_robot_file(line: str, source: str | None, robot_file: str | None = None) -> str:
+    """How to say `line`, of TOML, of the robot of the MJCF or URDF file `source`, in words for an advice: in the
+    `robot_file` that it was read by, if it was."""
+    if robot_file is not None:
+        return f"`{line}` in {robot_file}"
     file = Path(source).resolve() if source else Path("ROBOT.urdf")
     return (
         f'`{line}` in a robot file, {file.stem}.toml with the line `file = "{file.as_posix()}"`, which configurations '

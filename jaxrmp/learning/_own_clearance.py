@@ -81,7 +81,7 @@ def own_clearance(robot: Robot, ways: Sequence[np.ndarray], of_poses: bool = Fal
         warnings.warn(
             f"{robot.name!r}: in the demonstrated postures {found}. A policy of the whole arm (run, evaluate, view, "
             "export) keeps them apart and may rest off the goal, which reproduce, of the skill alone, does not show. "
-            f"{mend}. {mend_cover(robot, cover.spheres, [found.frames])}",
+            f"{mend}. {mend_cover(robot, cover.spheres, [found.frames], cover.pairs)}",
             FileWarning,
             stacklevel=3,
         )

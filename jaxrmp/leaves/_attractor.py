@@ -6,7 +6,7 @@ import jax.numpy as jnp
 from .._gds import GeometricDynamicalSystem
 from .._linalg import matmul
 from .._pytree import pytree, static
-from .._ranges import NonNegative, Positive
+from .._ranges import Finite, NonNegative, Positive
 from ._gaussian_well import gaussian_weight, gaussian_well
 
 
@@ -22,7 +22,8 @@ class Attractor(GeometricDynamicalSystem):
     **Arguments**: `goal` [m], units of x; `weight_near`, `weight_far`, the metric at the goal and away from it;
     `width`, over which it changes, units of x; `sharpness`, one over the distance at which the pull becomes a spring,
     1/units of x; `gain`, units of x per second squared; `damping_rate`, 1/s.
-    **Raises** `ConfigurationError` for a width or sharpness that is not positive, or another negative parameter.
+    **Raises** `ConfigurationError` for a goal that is not finite, a width or sharpness that is not positive, or
+    another negative parameter.
 
     >>> leaf = Attractor(goal=jnp.zeros(3), weight_near=10.0)
     >>> leaf.metric(jnp.zeros(3), jnp.zeros(3))[0].tolist()
@@ -31,7 +32,7 @@ class Attractor(GeometricDynamicalSystem):
     RMPflow (Cheng et al. 2018), appendix on experiments, attractor.
     """
 
-    goal: jax.Array
+    goal: Finite[jax.Array]
     weight_near: NonNegative[jax.Array | float] = 10.0
     weight_far: NonNegative[jax.Array | float] = 1.0
     width: Positive[jax.Array | float] = 1.0

@@ -7,7 +7,7 @@ from .._forms import DiagonalForm
 from .._gds import GeometricDynamicalSystem
 from .._linalg import matmul
 from .._pytree import pytree, static
-from .._ranges import NonNegative, Positive
+from .._ranges import Finite, NonNegative, Positive
 from ._smooth_ratios import log_cosh, tanh_ratio
 
 
@@ -21,7 +21,8 @@ class CruisingAttractor(GeometricDynamicalSystem):
 
     **Arguments**: `goal` [m], units of x; `weight` w, the metric; `speed`, units of x per second; `damping_rate`, 1/s;
     `taper`, within which the pull becomes a spring, units of x.
-    **Raises** `ConfigurationError` for a taper that is not positive, or another negative parameter.
+    **Raises** `ConfigurationError` for a goal that is not finite, a taper that is not positive, or another negative
+    parameter.
 
     >>> leaf = CruisingAttractor(goal=jnp.zeros(2), speed=0.5, damping_rate=10.0)
     >>> f = leaf(jnp.array([3.0, 4.0]), jnp.array([-0.3, -0.4])).f  # at cruise speed nothing is left to do
@@ -31,7 +32,7 @@ class CruisingAttractor(GeometricDynamicalSystem):
     Rana et al., Euclideanizing Flows (2020), section 3, the latent dynamics; here of second order.
     """
 
-    goal: jax.Array
+    goal: Finite[jax.Array]
     weight: NonNegative[jax.Array | float] = 1.0
     speed: NonNegative[jax.Array | float] = 0.2
     damping_rate: NonNegative[jax.Array | float] = 40.0

@@ -9,7 +9,7 @@ from .._errors import ConfigurationError, ShapeError
 from .._gds import GeometricDynamicalSystem
 from .._linalg import length
 from .._pytree import pytree, set_field, static
-from .._ranges import NonNegative, Positive
+from .._ranges import Finite, NonNegative, Positive
 from ._rounded_well import rounded_well
 
 
@@ -35,7 +35,7 @@ class DirectionAttractor(GeometricDynamicalSystem):
     Bullo and Lewis, Geometric Control of Mechanical Systems, chapter 11 (error functions on the sphere).
     """
 
-    direction: jax.Array
+    direction: Finite[jax.Array]
     weight: NonNegative[jax.Array | float] = 1.0
     stiffness: NonNegative[jax.Array | float] = 25.0
     damping_rate: NonNegative[jax.Array | float] = 10.0

@@ -10,7 +10,7 @@ from .._forms import DiagonalForm
 from .._gds import GeometricDynamicalSystem
 from .._linalg import matmul
 from .._pytree import pytree, set_field, static
-from .._ranges import NonNegative, Positive
+from .._ranges import Finite, NonNegative, Positive
 from ._smooth_ratios import log_cosh
 
 _ROUND = 1e-3  # within which the cone of a posture's distance is rounded off
@@ -34,8 +34,8 @@ class Funnel(GeometricDynamicalSystem):
     **Arguments**: `postures` [S, n], rad or m, dense along a path of motion; `left` [S], units of q; `weight` w, the
     metric far outside; `within` w_in, everywhere; `speed`, rad/s or m/s; `damping_rate`, 1/s; `inner`, `outer`,
     `onset` (by default inner), `taper` and `softness`, units of q.
-    **Raises** `ConfigurationError` for an inner radius, taper or softness that is not positive, an outer radius that is
-    not larger than inner and onset, or a negative gain or length.
+    **Raises** `ConfigurationError` for postures that are not finite, an inner radius, taper or softness that is not
+    positive, an outer radius that is not larger than inner and onset, or a negative gain or length.
 
     >>> leaf = Funnel(jnp.zeros((1, 2)), inner=0.5, outer=1.0)
     >>> leaf(jnp.array([0.3, 0.0]), jnp.ones(2)).M.tolist(), leaf(jnp.array([2.0, 0.0]), jnp.zeros(2)).M[0, 0].tolist()
@@ -44,7 +44,7 @@ class Funnel(GeometricDynamicalSystem):
     Ours; docs/concepts.md measures what it does for a learned skill.
     """
 
-    postures: jax.Array
+    postures: Finite[jax.Array]
     left: NonNegative[jax.Array | float] = 0.0
     weight: NonNegative[jax.Array | float] = 1.0
     within: NonNegative[jax.Array | float] = 0.0

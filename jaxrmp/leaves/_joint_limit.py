@@ -52,7 +52,7 @@ class JointLimit(SeparableGDS):
 
     lower: jax.Array
     upper: jax.Array
-    rest: jax.Array | None = None
+    rest: Finite[jax.Array | None] = None
     weight: Positive[jax.Array | float] = 0.01
     sigma: Positive[jax.Array | float] = 0.1
     stiffness: NonNegative[jax.Array | float] = 1e-5

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 
 from .._gds import SeparableGDS
 from .._pytree import pytree, static
-from .._ranges import NonNegative
+from .._ranges import Finite, NonNegative
 
 
 @pytree
@@ -17,7 +17,7 @@ class Posture(SeparableGDS):
 
     **Arguments**: `rest` [n], rad or m; `weight` w, the metric, small next to that of tasks; `stiffness`, 1/s^2;
     `damping_rate`, 1/s. The gains may be numbers or [n].
-    **Raises** `ConfigurationError` for a negative gain.
+    **Raises** `ConfigurationError` for a negative gain, or a rest that is not finite.
 
     >>> Posture(rest=jnp.ones(2), weight=1.0, stiffness=4.0)(jnp.zeros(2), jnp.zeros(2)).f.tolist()
     [4.0, 4.0]
@@ -25,7 +25,7 @@ class Posture(SeparableGDS):
     RMPflow (Cheng et al. 2018), the isotropic attractor with a constant metric.
     """
 
-    rest: jax.Array
+    rest: Finite[jax.Array]
     weight: NonNegative[jax.Array | float] = 1e-2
     stiffness: NonNegative[jax.Array | float] = 4.0
     damping_rate: NonNegative[jax.Array | float] = 4.0

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 from .._gds import GeometricDynamicalSystem
 from .._linalg import matmul
 from .._pytree import pytree, static
-from .._ranges import NonNegative, Positive
+from .._ranges import Finite, NonNegative, Positive
 from ._gaussian_well import gaussian_weight, gaussian_well
 from ._smooth_ratios import decay_ratio
 
@@ -28,7 +28,8 @@ class StretchedAttractor(GeometricDynamicalSystem):
     `width`, `stretch_width`, over which weight and stretch change, units of x; `floor`, the share of the near values
     that remains far away, which bounds the stretch to about `1 / floor`; `isotropy`, added to it; `sharpness`,
     1/units of x; `gain`, units of x per second squared; `damping_rate`, 1/s.
-    **Raises** `ConfigurationError` for a width, sharpness or floor that is not positive, or another negative parameter.
+    **Raises** `ConfigurationError` for a goal that is not finite, a width, sharpness or floor that is not positive,
+    or another negative parameter.
 
     >>> leaf = StretchedAttractor(goal=jnp.zeros(2), weight_far=1.0, stretch_width=0.1)
     >>> along, across = jnp.diag(leaf.metric(jnp.array([9.0, 0.0]), jnp.zeros(2))).tolist()
@@ -39,7 +40,7 @@ class StretchedAttractor(GeometricDynamicalSystem):
     `damping_rate G`.
     """
 
-    goal: jax.Array
+    goal: Finite[jax.Array]
     weight_near: NonNegative[jax.Array | float] = 10.0
     weight_far: NonNegative[jax.Array | float] = 1.0
     width: Positive[jax.Array | float] = 1.0

@@ -155,8 +155,8 @@ def reaching_policy(
 
     **Arguments**: `robot`; `rest`, see `posture`; `spheres`, see `whole_arm_policy`; `self_collision`, whether its
     links keep off each other. **Raises** `UnknownNameError` for a frame that is not there, `ConfigurationError` for no
-    hand or one that is named twice, or a `rest` in which links touch each other (of the default, a warning says it),
-    and as `whole_arm_policy`.
+    hand or one that is named twice, or a `rest` that is not finite, beyond the joints' limits, or one in which links
+    touch each other (of the default, a warning says it), and as `whole_arm_policy`.
     """
     several = not isinstance(hand, str)
     hands = tuple(hand) if several else (hand,)

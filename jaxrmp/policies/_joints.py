@@ -5,12 +5,14 @@ from typing import Any
 
 import jax
 import numpy as np
+from jax.core import Tracer
 
-from .._errors import ShapeError
+from .._errors import ConfigurationError, ShapeError
 from .._tree import Leaf, Node, Sum, on_coordinates
 from ..kinematics import Robot
 from ..leaves import Damping, JointLimit, JointVelocityLimit, Posture
 
+_ROUNDING = 1e-5  # rad or m, by which a posture in single precision may be beyond a limit
 NOTHING = Sum(())
 """The sum of no policies: what a piece is where there is nothing to do. Added to a node, it leaves that as it is."""
 
@@ -45,11 +47,14 @@ def posture(robot: Robot, rest: Any = None, **gains: Any) -> Node:
     """Draws a `robot` to `rest` [n], rad or m, by default its `middle`, weakly: it decides where no task does.
 
     **Arguments**: `gains` of `Posture`, by default `weight=0.02`, `stiffness=0.5`, 1/s^2, and `damping_rate=3.0`, 1/s,
-    for a hand that follows a goal dragged on a page. **Raises** as `joint_limits`, `ShapeError` for another `rest`.
+    for a hand that follows a goal dragged on a page. **Raises** as `joint_limits`, `ShapeError` for a `rest` of another
+    shape, `ConfigurationError`, by joint, for one that is not finite or beyond the joints' limits.
     """
     rest = robot.middle if rest is None else rest if isinstance(rest, jax.Array) else np.asarray(rest, float)
     if rest.shape != (robot.num_joints,):
         raise ShapeError(f"rest has shape {rest.shape}, expected ({robot.num_joints},): a position of each joint.")
+    if not isinstance(rest, Tracer):
+        _check_within(robot, np.asarray(rest, float))
     return Posture(rest, **{"weight": 0.02, "stiffness": 0.5, "damping_rate": 3.0, **gains})
 
 
@@ -60,3 +65,14 @@ def damping(**gains: Any) -> Node:
     `damping_rate=1.0`, 1/s. **Raises** as `joint_limits`.
     """
     return Damping(**{"weight": 0.02, "damping_rate": 1.0, "name": "joint_damping", **gains})
+
+
+def _check_within(robot: Robot, rest: np.ndarray) -> None:
+    lower, upper = np.asarray(robot.lower), np.asarray(robot.upper)
+    bad = np.flatnonzero(~(np.isfinite(rest) & (rest >= lower - _ROUNDING) & (rest <= upper + _ROUNDING)))
+    if bad.size:
+        wrong = ", ".join(f"{robot.joint_names[i]} {rest[i]:g} (from {lower[i]:g} to {upper[i]:g})" for i in bad)
+        raise ConfigurationError(
+            f"rest of {robot.name!r} is not finite, or beyond the limits, at {wrong}: expected a posture that the "
+            "joints can have, such as robot.middle."
+        )

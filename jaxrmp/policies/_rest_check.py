@@ -29,7 +29,7 @@ def check_rest(robot: Robot, spheres: RobotSpheres, pairs: tuple[tuple[int, int]
     told = (
         f"in {where}, spheres on {links[0]} and {links[1]} overlap by {-100 * gaps[k]:.1f} cm ({several} in all), so "
         f"that {robot.name!r} cannot rest there. Take another, such as policies.find_rest has. If the links are apart "
-        f"there: {mend_cover(robot, spheres, [links])}"
+        f"there: {mend_cover(robot, spheres, [links], pairs)}"
     )
     if chosen:
         raise ConfigurationError(told)

@@ -14,6 +14,7 @@ from ..simulation import Motion
 from ..world import World
 from ._advance import Memory, advance, fail, left_state
 from ._command import follow
+from ._holding import told_why
 from ._report import Book, SequenceOutcome
 from ._sequence import GripperMove, Sequence
 
@@ -70,10 +71,13 @@ def roll_sequence(
         book = book._replace(energy=book.energy.seeing(energies))
         finite = np.isfinite(samples[-1][1]).all()
         ahead = advance(sequence, memory, seen) if finite else fail(memory, f"not finite after {seen.time:.2f} s")
+        tree = policy.tree(target, world)
+        if finite:
+            ahead = told_why(ahead, state, seen, tree, samples[-1][1])
         if on_gripper is not None and ahead.over is not None and memory.over is None and state.gripper is not None:
             on_gripper(state.gripper)
         if left_state(memory, ahead):
-            book = book.turned(sequence, memory, ahead, seen, policy.tree(target, world))
+            book = book.turned(sequence, memory, ahead, seen, tree)
         memory = ahead
     time, q, qd, states = (np.array(column) for column in zip(*samples, strict=True))
     return SequencePath(time, q, qd, states, book.outcome(memory, step * dt))

@@ -14,6 +14,7 @@ from ..simulation import INTERFACES, End, Run, Tracker, Trial
 from ..simulation._live_trial import DIVERGED, LiveTrial
 from ._advance import Memory, advance, fail, left_state
 from ._command import ask
+from ._holding import told_why
 from ._report import Book, SequenceOutcome
 from ._sequence import GripperMove, Sequence
 
@@ -92,7 +93,10 @@ def _run(live: LiveTrial, sequence: Sequence, policies: list[Any], on_gripper, p
             ahead = fail(memory, f"touched in state {state.name!r}: {', '.join(live.touched)}")
             end = End.TOUCHED
         else:
-            ahead = advance(sequence, memory, asked.seen(live.time)) if step and step % _LOOK == 0 else memory
+            seen = asked.seen(live.time)
+            ahead = advance(sequence, memory, seen) if step and step % _LOOK == 0 else memory
+            if ahead.ended == "failed":
+                ahead = told_why(ahead, state, seen, policy.tree(target, live.world), q)
         if ahead.over is not None and memory.over is None and state.gripper is not None:
             if scene.gripper is not None:
                 scene.move_gripper(live.data, state.gripper.width)

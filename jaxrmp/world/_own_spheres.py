@@ -16,12 +16,13 @@ from ._cover import TooFineError
 from ._mostly_touching import without_mostly_touching
 from ._panda_cover import built_in_cover
 from ._robot_spheres import RobotSpheres, bodies_with_geometry, cover_model, geometry_of_model
-from ._self_pairs import ignored_by_model, link_of, self_pairs
+from ._self_pairs import MOST_PAIRS, ignored_by_model, link_of, self_pairs
 
 _FINENESS = (0.008, 0.015, 0.03, 0.06)  # m, how far spheres may stick out; the first is for hands
 # Spheres, the larger of the two: the first fineness that does with as many is taken, else the last.
 _ENOUGH, _ENOUGH_A_JOINT = 100, 6
 _LADDER = (0.006, 0.008, 0.01, 0.012, 0.015, 0.02, 0.025, 0.03, 0.04, 0.05, 0.06, 0.08, 0.1, 0.15)  # m, for a `count`
+_MORE_PAIRS = 16  # times as many at most where spheres may stick out half as far: a UR10 has 10 and 15
 _NAMED = 8  # pairs of links that a warning names
 
 
@@ -135,20 +136,40 @@ def own_self_pairs(robot: Robot, spheres: RobotSpheres) -> tuple[tuple[int, int]
         more = f" and {len(left) - _NAMED} more pairs of links" if len(left) > _NAMED else ""
         warnings.warn(
             f"{robot.name!r}: {counted(len(pairs) - len(kept), 'pair of spheres')} on {', '.join(left[:_NAMED])}{more} "
-            f"touch too often to tell, and are not kept apart. {mend_cover(robot, spheres, links[:_NAMED])}",
+            "touch too often to tell, and are not kept apart; any other pairs on these links are. "
+            f"{mend_cover(robot, spheres, links[:_NAMED], pairs, finer=not robot.model.cover_error)}",
             FileWarning,
             stacklevel=3,
         )
     return kept
 
 
-def mend_cover(robot: Robot, spheres: RobotSpheres, links: Sequence[tuple[str, str]]) -> str:
-    """What to do where `spheres` on some pairs of `links` of a `robot` overlap, in words."""
+def mend_cover(
+    robot: Robot,
+    spheres: RobotSpheres,
+    links: Sequence[tuple[str, str]],
+    pairs: Sequence[tuple[int, int]],
+    *,
+    finer: bool = True,
+) -> str:
+    """What to do where `spheres` on some pairs of `links` of a `robot` overlap, in words.
+
+    With `finer`, a cover half as coarse, unless the `pairs` of spheres that must not meet would be too many by it.
+    """
     half = f"{max(spheres.coverage_error / 2, 1e-3):.2g}" if np.isfinite(spheres.coverage_error) else "0.008"
-    said = line_of_robot_file(f"cover_error = {half}", robot.source)
     touched = {first: [b for a, b in links if a == first] for first, _ in links}
     lines = " and ".join(f"`{toml_key('ignore', first)} = {json.dumps(others)}`" for first, others in touched.items())
-    return f"Have a finer cover, which takes longer to avoid: {said}. Or, if the links may touch, say {lines} there."
+    if not finer or _MORE_PAIRS * len(pairs) > MOST_PAIRS:
+        return (
+            "Where covers overlap and the links do not, as next to a joint, or where the links may touch, say so: "
+            f"{line_of_robot_file(lines.strip('`'), robot.source, robot.model.robot_file)}. "
+            "Nothing keeps those links apart then."
+        )
+    said = line_of_robot_file(f"cover_error = {half}", robot.source, robot.model.robot_file)
+    return (
+        f"Have a finer cover, which takes longer to avoid: {said}. Or, if the links may touch, or only their covers "
+        f"do, say {lines} there."
+    )
 
 
 def _together(parts: list[RobotSpheres]) -> RobotSpheres:

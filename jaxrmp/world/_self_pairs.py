@@ -47,9 +47,18 @@ def self_pairs(
     if (count := int(meet.sum())) > MOST_PAIRS:
         raise ConfigurationError(
             f"{len(frames)} points on {robot.name!r} make {count} pairs, more than {MOST_PAIRS}. Have fewer spheres: "
-            "world.own_spheres(robot, count=40), or a larger max_error."
+            f"{_fewer(robot)}."
         )
     return tuple((int(i), int(j)) for j, i in np.argwhere(meet))
+
+
+def _fewer(robot: Robot) -> str:
+    """What makes fewer spheres, by what a `robot` was loaded with."""
+    in_python = "world.own_spheres(robot, count=40), or a larger max_error"
+    if not robot.model.cover_error:
+        return in_python
+    where = f" in {robot.model.robot_file}" if robot.model.robot_file else ""
+    return f"a larger cover_error{where} than {robot.model.cover_error:g}, or, in Python, {in_python}"
 
 
 def ignored_by_model(source: str | os.PathLike | Robot) -> dict[str, tuple[str, ...]]:

@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 
 from jaxrmp import ConfigurationError, learning
+from jaxrmp._files import atomic_write
 from jaxrmp.cli import main
 from jaxrmp.evaluation import _finished, evaluate, limit_leaf, sample_starts, skill_problem
 from jaxrmp.kinematics import panda
@@ -55,6 +56,7 @@ def test_a_signal_ends_rollouts_and_what_has_ended_is_kept(skill_file, tmp_path,
     process.send_signal(number)
     _, rest = process.communicate(timeout=60)
     assert process.returncode == code and "interrupted" in rest and "Traceback" not in rest
+    assert f"--resume goes on from {tmp_path / 'report.finished.npz'}" in rest
     assert [file.name for file in tmp_path.iterdir()] == ["report.finished.npz"]
     with np.load(tmp_path / "report.finished.npz") as kept:
         assert 0 < kept["done"].sum() < 100000
@@ -218,14 +220,16 @@ def test_an_evaluation_goes_on_from_what_was_kept(skill_file, tmp_path, monkeypa
 def test_resume_asks_for_what_it_needs(skill_file, tmp_path, capsys):
     assert main(["evaluate", skill_file, "--resume"]) == 1
     assert "--json" in capsys.readouterr().err
-    assert main(["evaluate", skill_file, "--resume", "--json", str(tmp_path / "r.json")]) == 1
-    assert "nothing is kept" in capsys.readouterr().err
+    report, quick = tmp_path / "r.json", ["--starts", "16", "--batch", "16", "--duration", "0.1", "--dt", "0.01"]
+    assert main(["evaluate", skill_file, *quick, "--resume", "--json", str(report)]) == 0
+    assert "nothing is kept yet in" in capsys.readouterr().err and report.exists()
 
 
 WRITES = [
     ["demonstrate", "drawer_closing", "OUT", "--count", "2"],
     ["export", "SKILL", "--c", "OUT"],
     ["reproduce", "SKILL", "--json", "OUT/r.json", "--demos", "synthetic:drawer_closing"],
+    ["evaluate", "SKILL", "--json", "OUT/r.json", "--starts", "8", "--duration", "0.1"],
 ]
 
 
@@ -260,3 +264,16 @@ def test_signals_are_as_before_once_a_command_is_over(tmp_path):
     assert [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)] == before
     assert signal.set_wakeup_fd(-1) == -1
     assert not [thread for thread in threading.enumerate() if thread.name == "listen"]
+
+
+@pytest.mark.parametrize("option", ["--json", "--html", "--save"])
+def test_what_cannot_be_written_is_told_before_the_work(tmp_path, capsys, option):
+    (tmp_path / "file").write_text("")
+    for place in ("file/r", ".", "/proc/r"):
+        path = tmp_path / place
+        assert main(["evaluate", "no.skill.npz", option, str(path)]) == 1  # of which nothing is read
+        assert f"cannot write {option} {path}: " in capsys.readouterr().err
+    assert [file.name for file in tmp_path.iterdir()] == ["file"]
+    with pytest.raises(OSError) as told, atomic_write("/proc/r"):
+        pass
+    assert told.value.filename == "/proc/r"

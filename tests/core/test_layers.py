@@ -61,7 +61,7 @@ LAYERS = {
     "scenes": {"kinematics", "world"},
     "simulation": {"inspection", "kinematics", "leaves", "scenes", "world"},
     "learning": {"leaves", "kinematics", "simulation", "world"},
-    "sequences": {"kinematics", "learning", "policies", "scenes", "simulation", "world"},
+    "sequences": {"inspection", "kinematics", "learning", "policies", "scenes", "simulation", "world"},
     "environments": {"kinematics", "policies", "simulation", "world"},
     "synthetic": {"kinematics", "learning"},
     "hardware": {"kinematics", "policies", "scenes", "simulation", "world"},

@@ -5,7 +5,7 @@ import warnings
 import numpy as np
 import pytest
 
-from jaxrmp import ConfigurationError
+from jaxrmp import ConfigurationError, ShapeError
 from jaxrmp.environments import gymnasium_env, gymnasium_vector_env
 
 gymnasium = pytest.importorskip("gymnasium", reason="needs gymnasium: pip install 'jaxrmp[gym]'")
@@ -42,3 +42,16 @@ def test_many_at_once_are_those_of_one_and_begin_anew_with_the_next_step(environ
     assert env.step(np.zeros(3, np.float32))[4]["distance"] > 0.4
     with pytest.raises(ConfigurationError, match="count is 0"):
         gymnasium_vector_env(environment, 0)
+
+
+def test_actions_that_are_none_are_refused_and_change_nothing(environment):
+    for env, name, shape in [
+        (gymnasium_env(environment), "action", (3,)),
+        (gymnasium_vector_env(environment, 2), "actions", (2, 3)),
+    ]:
+        env.reset(seed=0)
+        with pytest.raises(ShapeError, match=rf"{name} has shape \(4,\), expected"):
+            env.step(np.zeros(4))
+        with pytest.raises(ConfigurationError, match=rf"{name}\[0.*\] of step is nan, expected a finite number"):
+            env.step(np.full(shape, np.nan))
+        assert np.isfinite(env.step(np.zeros(shape))[0]).all()

@@ -33,6 +33,7 @@ from jaxrmp.hardware import (
 )
 from jaxrmp.kinematics import ControlPoints, load_robot_from_string
 from jaxrmp.learning import load_demonstrations
+from jaxrmp.leaves import Posture
 from jaxrmp.policies import ArmPolicy, damping, posture, reaching_policy
 from jaxrmp.scenes import arm_alone
 from jaxrmp.simulation import TrackerSettings
@@ -234,7 +235,8 @@ def test_what_is_in_its_way_stops_it(scene, reach):
 
 def test_the_end_of_a_range_stops_it(scene):
     robot = scene.robot
-    policy = ArmPolicy(robot, (), posture(robot, START + np.array([0, 0, 0, 0, 0, 4.0, 0]), weight=1.0, stiffness=4.0))
+    beyond = Posture(START + np.array([0, 0, 0, 0, 0, 4.0, 0]), weight=1.0, stiffness=4.0, damping_rate=3.0)
+    policy = ArmPolicy(robot, (), beyond)
     arm = arm_at(scene)
     found = drive(arm, law(policy, arm), Fixed(np.eye(4)), DriveSettings(margin=0.01))
     assert found.end == DriveEnd.STOPPED and "joint 6 is at the end of its range" in found.reason

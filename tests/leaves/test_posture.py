@@ -1,11 +1,12 @@
 """Posture: a spring to a configuration."""
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from jaxrmp import ConfigurationError, acceleration
-from jaxrmp.leaves import Posture
+from jaxrmp.leaves import Attractor, CruisingAttractor, Posture, StretchedAttractor
 
 pytestmark = pytest.mark.usefixtures("x64")
 REST = np.array([0.3, -0.4, 1.0])
@@ -28,3 +29,17 @@ def test_alone_it_is_a_damped_spring(assert_certified, assert_smooth, assert_sin
 def test_bad_parameters_are_named(name):
     with pytest.raises(ConfigurationError, match=f"{name} of Posture is -1.0, expected a number that is not negative"):
         Posture(REST, **{name: -1.0})
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_what_a_leaf_is_drawn_to_must_be_finite(bad):
+    place = np.array([0.0, bad, 0.0])
+    for leaf, name in [
+        (Posture, "rest"),
+        (Attractor, "goal"),
+        (CruisingAttractor, "goal"),
+        (StretchedAttractor, "goal"),
+    ]:
+        with pytest.raises(ConfigurationError, match=rf"{name}\[1\] of {leaf.__name__} is {bad}, expected a finite"):
+            leaf(place)
+    assert jnp.isnan(jax.jit(lambda rest: Posture(rest).potential(jnp.zeros(3)))(jnp.asarray(place * np.nan))).all()

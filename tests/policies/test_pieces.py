@@ -150,6 +150,15 @@ def test_a_rest_or_a_target_of_another_shape_is_told():
         policies.reaching_policy(panda(), "panda_hand_tcp").tree(np.zeros(3), World())
 
 
+def test_a_rest_that_cannot_be_had_names_the_joint():
+    for position, said in ((np.nan, "nan"), (3.0, "3")):
+        rest = np.array([0.0, -0.5, 0.0, -2.0, 0.0, 1.6, 0.8])
+        rest[1] = position
+        for build in (policies.posture, lambda arm, rest: policies.reaching_policy(arm, "panda_hand_tcp", rest)):
+            with pytest.raises(ConfigurationError, match=rf"panda_joint2 {said} \(from -1.7628 to 1.7628\)"):
+                build(panda(), rest)
+
+
 def test_a_rest_in_which_links_touch_names_them():
     folded = np.array([0.0, 0.0, 0.0, -3.0, 0.0, 0.0, 0.0])
     with pytest.raises(ConfigurationError, match=r"spheres on panda_\w+ and panda_\w+ overlap by .* cm .*find_rest"):

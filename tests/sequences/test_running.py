@@ -1,5 +1,6 @@
 """Sequences that move an arm: kinematically, and in physics with its fingers."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -78,3 +79,16 @@ def test_what_must_not_be_touched_ends_it(reaching, table):
     run = run_sequence(replace(table, may_touch=()), through, [Trial(START, table.T_world_object)])
     assert run.successes == 0 and "touched in state 'through'" in run.outcomes[0].reason
     assert run.outcomes[0].states[0].end == "ended" and run.run.outcomes[0].reason == run.outcomes[0].reason
+
+
+def test_a_state_that_does_not_arrive_says_why(reaching, gripping):
+    def reason(x, y, timeout):
+        state = reaching("far", at(x, y, 0.3), Arrived(timeout=timeout, speed=0.01), relative_to="world")
+        outcome = roll_sequence(Sequence((state,)), gripping, START).outcome
+        assert not outcome.success and re.search(r"has not arrived in .* s: .* cm off; the arm", outcome.reason)
+        return outcome.reason
+
+    behind = r"came to rest there: other leaves hold the arm off, 'joint_limit' \(\d+ % of all forces\)"
+    assert re.search(behind, reason(-0.88, -0.1, 15.0))  # the shoulder does not turn so far
+    assert "came to rest there: no other leaf holds the arm off, so it is out of reach" in reason(0.0, 1.5, 8.0)
+    assert "the arm still moves there: give it a longer timeout" in reason(0.0, 1.5, 0.3)

@@ -1,6 +1,7 @@
 """Covers hold every point, stick out as far as they say, take few spheres, and are told where there is none."""
 
 import warnings
+from pathlib import Path
 from types import SimpleNamespace
 
 import jax
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.spatial import ConvexHull
 
-from jaxrmp import ConfigurationError, NoGeometryError, RobotError, UnsafeFileWarning, policies
+from jaxrmp import ConfigurationError, FileWarning, NoGeometryError, RobotError, UnsafeFileWarning, policies
 from jaxrmp.kinematics import load_robot, load_robot_from_string, panda
 from jaxrmp.world import (
     RobotSpheres,
@@ -275,3 +276,20 @@ def test_pairs_that_are_left_out_as_never_near_are_not():
     assert gaps.min() > 0.06  # beyond where self avoidance is felt
     always = SelfDistances(spheres.points(robot), kept, spheres.radii)
     assert jax.jit(jax.vmap(always))(q.astype(np.float32)).min(0).max() < 0.2
+
+
+def test_advice_on_a_cover_names_the_file_that_was_given_and_ends(tmp_path):
+    model, file = Path(__file__).parents[1] / "kinematics" / "models" / "six_axis.urdf", tmp_path / "own.toml"
+    said = []
+    for line in ("", "cover_error = 0.03\n"):
+        file.write_text(f'file = "{model.as_posix()}"\n{line}')
+        robot = load_robot(file)
+        with pytest.warns(FileWarning, match="touch too often") as told:
+            own_self_pairs(robot, own_spheres(robot))
+        said.append(str(told[0].message))
+    assert f"`cover_error = 0.015` in {file}. Or" in said[0] and "six_axis.toml" not in said[0]
+    assert "cover_error" not in said[1] and f'say so: `ignore.base = ["upper_arm"]` in {file}.' in said[1]
+    with pytest.raises(ConfigurationError, match=f"a larger cover_error in {file} than 0.03"):
+        self_pairs(robot, ["base", "tool"] * 150)
+    with pytest.raises(ConfigurationError, match=r"Have fewer spheres: world.own_spheres\("):
+        self_pairs(load_robot(model), ["base", "tool"] * 150)

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 from ..._forms import DiagonalForm
 from ..._linalg import length, matmul
 from ..._pytree import pytree, static
-from ..._ranges import NonNegative, Positive
+from ..._ranges import Finite, NonNegative, Positive
 from ..._tree import SeparableLeaf
 from ._position_target import proximity_boost
 
@@ -33,8 +33,8 @@ class AxisTarget(SeparableLeaf):
     NVIDIA, Lula RMPflow, `axis_target_rmp`.
     """
 
-    target: jax.Array
-    position_target: jax.Array | None = None
+    target: Finite[jax.Array]
+    position_target: Finite[jax.Array | None] = None
     accel_p_gain: NonNegative[jax.Array | float] = 210.0
     accel_d_gain: NonNegative[jax.Array | float] = 60.0
     metric_scalar: NonNegative[jax.Array | float] = 10.0

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 
 from ..._linalg import length
 from ..._pytree import pytree, static
-from ..._ranges import NonNegative, Positive
+from ..._ranges import Finite, NonNegative, Positive
 from ..._tree import SeparableLeaf
 from ._elementwise import elementwise
 
@@ -26,7 +26,7 @@ class CSpaceTarget(SeparableLeaf):
     NVIDIA, Lula RMPflow, `cspace_target_rmp`; its `inertia` is a leaf of its own, `Inertia`.
     """
 
-    target: jax.Array
+    target: Finite[jax.Array]
     metric_scalar: NonNegative[jax.Array | float] = 50.0
     position_gain: NonNegative[jax.Array | float] = 100.0
     damping_gain: NonNegative[jax.Array | float] = 50.0

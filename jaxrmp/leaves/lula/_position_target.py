@@ -6,7 +6,7 @@ import jax.numpy as jnp
 from ..._forms import CanonicalForm, NaturalForm, natural
 from ..._linalg import length, matmul
 from ..._pytree import pytree, static
-from ..._ranges import NonNegative, Positive
+from ..._ranges import Finite, NonNegative, Positive
 from ..._tree import Leaf
 from .._smooth_ratios import decay_ratio
 
@@ -31,7 +31,7 @@ class PositionTarget(Leaf):
     NVIDIA, Lula RMPflow, `target_rmp`.
     """
 
-    target: jax.Array
+    target: Finite[jax.Array]
     accel_p_gain: NonNegative[jax.Array | float] = 50.0
     accel_d_gain: NonNegative[jax.Array | float] = 75.0
     accel_norm_eps: Positive[jax.Array | float] = 0.075
