@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .._ranges import ranges_of
+from .._ranges import FINITE, ranges_of
 from ..leaves import lula
 from ..world import Capsules
 from ._yaml import Setting, read_yaml
@@ -68,7 +68,8 @@ def read_rmpflow(path: str | os.PathLike, num_joints: int) -> RmpflowSettings:
     for name, section in sections.items():
         flags = _FLAGS.get(name, ())
         leaf, *besides = {**_REQUIRED, **_OPTIONAL, **_INACTIVE}[name]
-        known = [*(dict(ranges_of(leaf)) if leaf else ()), *besides]
+        ranges = ranges_of(leaf) if leaf else []  # of its gains; a target, which is but finite, is none
+        known = [*dict.fromkeys(key for key, kind in ranges if kind is not FINITE), *besides]
         entries = section.keys(known, flags)
         gains[name] = {key: _constant(entries[key]) for key in known}
         # Weights of a user's own are a feature of Lula's programming interface that a policy here has no need of.
