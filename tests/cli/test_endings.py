@@ -34,10 +34,10 @@ def skill_file(tmp_path_factory):
     return str(learning.save_skill(reaching_skill(), tmp_path_factory.mktemp("skill") / "reach.skill.npz"))
 
 
-def started(*arguments: str, until: str, cache: str = "") -> subprocess.Popen:
+def started(*arguments: str, until: str, cache: str = "", **variables: str) -> subprocess.Popen:
     """The command in a process of its own, once it has printed `until`; its compiled programs are in `cache`."""
     cache = cache or str(jax.config.jax_compilation_cache_dir or "")
-    environment = {**os.environ, "PYTHONUNBUFFERED": "1", "JAX_COMPILATION_CACHE_DIR": cache}
+    environment = {**os.environ, "PYTHONUNBUFFERED": "1", "JAX_COMPILATION_CACHE_DIR": cache, **variables}
     command = [sys.executable, "-m", "jaxrmp", *arguments]
     process = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment)
     assert process.stderr is not None
@@ -87,8 +87,8 @@ def test_a_page_ends_well_while_its_threads_compile(tmp_path, command, number):
     pytest.importorskip("viser", reason="needs viser: pip install 'jaxrmp[viewer]'")
     out, cache = tmp_path / "out", str(tmp_path / "cache")
     words = [command, "--port", "0", *(["--out", str(out)] if command == "teach" else [])]
-    process = started(*words, until="compiling", cache=cache)
-    time.sleep(4.0)  # by then both of its programs are being compiled, which takes longer
+    process = started(*words, until="compiling", cache=cache, XLA_FLAGS="")  # with all that XLA does
+    time.sleep(3.0)  # by then its programs are being compiled, which takes longer
     process.send_signal(number)
     printed, said = process.communicate(timeout=30)  # it takes one or two
     assert process.returncode == 0, said
