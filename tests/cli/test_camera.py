@@ -85,7 +85,7 @@ def command(folder, out):
 
 def test_an_object_is_followed_and_written_with_what_was_lost_marked(watched, tmp_path, capsys):
     assert main(command(watched, str(tmp_path / "found.npz"))) == 0
-    assert "20 images" in (said := capsys.readouterr().out) and "found again 1 times" in said and "ms an image" in said
+    assert "20 images" in (said := capsys.readouterr().out) and "found again 1 time," in said and "ms an image" in said
     found = np.load(tmp_path / "found.npz")
     assert found["lost"][10:13].all() and not found["lost"][5:10].any() and not found["lost"][16:].any()
     assert all(np.isfinite(found[name]).all() for name in ("T_world_object", "q", "qd", "covariance", "time"))
