@@ -92,7 +92,7 @@ def test_obstacles_that_are_not_finite_are_counted(scene):
     seen = Seen(**{f.name: getattr(scene, f.name) for f in fields(scene)})
     run = run_trials(seen, policy(), [trial(scene)], limit=0.01)
     assert run.outcomes[0].ignored == 1
-    assert "not finite were ignored in 1 trials, up to 1: [0]" in outcome_table(report_dict(run))
+    assert "not finite were ignored in 1 trial, up to 1: [0]" in outcome_table(report_dict(run))
 
 
 def test_saturation_is_reported_and_obeyed(scene):
