@@ -1,10 +1,15 @@
 """A real, headless Chromium, and pages of ours in it, used as a person uses them: by the tests of the viewer too."""
 
 import contextlib
+import os
+import re
 import shutil
+import subprocess
+import sys
 import time
-from collections.abc import Callable, Iterator
-from typing import Any
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -45,6 +50,35 @@ def launch() -> Iterator[Any]:
             yield browser
         finally:
             browser.close()
+
+
+class Served(NamedTuple):
+    """A running `jaxrmp view`: its `process`, its page's `url`, and the frame `hand` that its goal is for."""
+
+    process: subprocess.Popen
+    url: str
+    hand: str
+
+
+@contextlib.contextmanager
+def served(options: Sequence[str], caches: dict[str, str], said: Path, patience: float = 400.0) -> Iterator[Served]:
+    """`jaxrmp view` with `options` in a process of its own, once its page is up; what it prints is in the file `said`.
+
+    **Raises** `RuntimeError` with that where it ends, or has no page within `patience`, s.
+    """
+    begun = time.monotonic()
+    with said.open("w") as file:
+        command = [sys.executable, "-m", "jaxrmp", "view", *options, "--port", "0"]
+        process = subprocess.Popen(command, stdout=file, stderr=file, env={**os.environ, **caches})
+    try:
+        while not (found := re.search(r"The page is at (\S+),.*?goal of (\S+),", said.read_text())):
+            if process.poll() is not None or time.monotonic() - begun > patience:
+                raise RuntimeError(f"no page. The command said: {said.read_text()}")
+            time.sleep(0.05)
+        yield Served(process, found[1], found[2])
+    finally:
+        process.kill()
+        process.wait()
 
 
 class Page:

@@ -8,10 +8,8 @@ for them, clear of the arm itself and of the ball. Pictures lie in out/benchmark
 """
 
 import contextlib
-import os
 import re
-import subprocess
-import sys
+import signal
 import tempfile
 import time
 from pathlib import Path
@@ -23,7 +21,7 @@ from jaxrmp._rotations import rotation_of_vector
 from jaxrmp.kinematics import idle_joints, load_robot
 from jaxrmp.viewer import reach_content
 
-from ._page import Page, launch
+from ._page import Page, launch, served
 from ._report import FOLDER
 from .robots import FOLDER as FILES
 from .robots import of_each
@@ -32,7 +30,6 @@ PICTURES = FOLDER / "view"
 SIZE = {"width": 1500, "height": 900}
 STEP, BALL = 0.15, 0.06  # m: a drag of the goal, and the ball's radius
 NEAR, PATIENCE = 0.01, 12.0  # m, s: what counts as there, and how long is waited for it, in simulated time
-START = 400.0  # s, that a page may take to come up
 
 
 class Arm(NamedTuple):
@@ -120,27 +117,17 @@ def row(name: str, arm: Arm) -> dict[str, Any]:
         caches = {"JAX_COMPILATION_CACHE_DIR": f"{cold}/compiled", "JAXRMP_CACHE": f"{cold}/covers"}
         said = Path(cold, "said.txt")
         begun = time.monotonic()
-        command = [sys.executable, "-m", "jaxrmp", "view", "--robot", str(FILES / arm.file), "--port", "0"]
-        with said.open("w") as file:
-            process = subprocess.Popen(command, stdout=file, stderr=file, env={**os.environ, **caches})
-        try:
-            while not (found := re.search(r"The page is at (\S+),.*?goal of (\S+),", said.read_text())):
-                if process.poll() is not None or time.monotonic() - begun > START:
-                    raise RuntimeError(f"{name}: no page. The command said: {said.read_text()}")
-                time.sleep(0.2)
-            result: dict[str, Any] = {"name": name, "command_s": time.monotonic() - begun, "hand": found[2]}
+        with served(("--robot", str(FILES / arm.file)), caches, said) as view:
+            result: dict[str, Any] = {"name": name, "command_s": time.monotonic() - begun, "hand": view.hand}
             with launch() as browser:
-                page = Page(browser, found[1], SIZE)
+                page = Page(browser, view.url, SIZE)
                 result["page_s"] = time.monotonic() - begun
-                result |= driven(name, page, arm, Drive(page, found[2], spheres))
+                result |= driven(name, page, arm, Drive(page, view.hand, spheres))
                 result["page_errors"] = len(page.errors)
                 page.close()
-            process.send_signal(2)
-            result["exit"] = process.wait(timeout=60)
+            view.process.send_signal(signal.SIGINT)
+            result["exit"] = view.process.wait(timeout=60)
             result["traceback"] = "Traceback" in said.read_text()
-        finally:
-            process.kill()
-            process.wait()
     good = result["hand"] == arm.hand and result["colours"] > 0 and result["least_mm"] > 0
     good = good and max(result["drag_mm"], result["past_ball_mm"]) < 1e3 * NEAR
     good = good and not (result["page_errors"] or result["exit"] or result["traceback"])

@@ -5,11 +5,7 @@ front of a ball: pose, obstacle, self-avoidance, limits. Every figure is of a fr
 for the page's second one, which finds what the first one kept. The machine has to be quiet.
 """
 
-import os
-import re
 import signal
-import subprocess
-import sys
 import tempfile
 import time
 from pathlib import Path
@@ -18,11 +14,10 @@ from typing import Any
 import numpy as np
 
 from ._children import in_child
-from ._page import Page, launch
+from ._page import Page, launch, served
 from .robots import FOLDER, ROBOTS
 
 _ARMS = ("UR10", "xArm7", "Kinova")
-_PATIENCE = 300.0  # s
 
 
 def rows() -> list[dict[str, Any]]:
@@ -81,28 +76,18 @@ def compiled(name: str, file: str) -> list[dict[str, Any]]:
 def page(folder: Path) -> dict[str, Any]:
     """Seconds from `jaxrmp view` until its page moves when its goal is dragged; what it compiled is in `folder`."""
     caches = {"JAX_COMPILATION_CACHE_DIR": str(folder / "compiled"), "JAXRMP_CACHE": str(folder / "own")}
-    said = folder / "said.txt"
-    with launch() as browser, said.open("w") as file:
+    with launch() as browser:
         begun = time.monotonic()
-        command = [sys.executable, "-m", "jaxrmp", "view", "--port", "0"]
-        process = subprocess.Popen(command, stdout=file, stderr=file, env={**os.environ, **caches})
-        try:
-            while not (found := re.search(r"The page is at (\S+),.*?goal of (\S+),", said.read_text())):
-                if process.poll() is not None or time.monotonic() - begun > _PATIENCE:
-                    raise RuntimeError(f"no page. The command said: {said.read_text()}")
-                time.sleep(0.05)
+        with served((), caches, folder / "said.txt") as view:
             up = time.monotonic() - begun
-            shown = Page(browser, found[1])
-            hand, goal = f"/arm/{found[2]}", "/target"
+            shown = Page(browser, view.url)
+            hand, goal = f"/arm/{view.hand}", "/target"
             start, T = shown.nodes[hand][:3, 3].copy(), shown.nodes[goal].copy()
             T[2, 3] -= 0.1
             shown.drag(goal, T)
             shown.wait(lambda: np.linalg.norm(shown.nodes[hand][:3, 3] - start) > 1e-3, "the arm to move", 60)
             moved = time.monotonic() - begun
             shown.close()
-            process.send_signal(signal.SIGINT)
-            process.wait(timeout=60)
-            return {"command_s": up, "moves_s": moved}
-        finally:
-            process.kill()
-            process.wait()
+            view.process.send_signal(signal.SIGINT)
+            view.process.wait(timeout=60)
+    return {"command_s": up, "moves_s": moved}

@@ -15,9 +15,9 @@ _MOST = 3  # leaves that are told
 
 
 def told_why(ahead: Memory, state: State, seen: Observation, tree: Node, q: Any) -> Memory:
-    """The memory `ahead`; where it says that `state` failed to arrive at what was `seen`, with why, by its policy's
-    `tree` at `q` [n]."""
-    if ahead.ended != "failed" or not isinstance(state.guard, Arrived):
+    """The memory `ahead` of a sequence that failed in a `state`; if it failed to arrive, at what was `seen`, with why,
+    by its policy's `tree` at `q` [n]."""
+    if not isinstance(state.guard, Arrived):
         return ahead
     if seen.speed > state.guard.speed:
         return ahead._replace(reason=f"{ahead.reason}; the arm still moves there: give it a longer timeout")

@@ -71,13 +71,12 @@ def roll_sequence(
         book = book._replace(energy=book.energy.seeing(energies))
         finite = np.isfinite(samples[-1][1]).all()
         ahead = advance(sequence, memory, seen) if finite else fail(memory, f"not finite after {seen.time:.2f} s")
-        tree = policy.tree(target, world)
-        if finite:
-            ahead = told_why(ahead, state, seen, tree, samples[-1][1])
+        if finite and ahead.ended == "failed":
+            ahead = told_why(ahead, state, seen, policy.tree(target, world), samples[-1][1])
         if on_gripper is not None and ahead.over is not None and memory.over is None and state.gripper is not None:
             on_gripper(state.gripper)
         if left_state(memory, ahead):
-            book = book.turned(sequence, memory, ahead, seen, tree)
+            book = book.turned(sequence, memory, ahead, seen, policy.tree(target, world))
         memory = ahead
     time, q, qd, states = (np.array(column) for column in zip(*samples, strict=True))
     return SequencePath(time, q, qd, states, book.outcome(memory, step * dt))

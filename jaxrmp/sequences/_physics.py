@@ -92,9 +92,11 @@ def _run(live: LiveTrial, sequence: Sequence, policies: list[Any], on_gripper, p
         elif live.touched:
             ahead = fail(memory, f"touched in state {state.name!r}: {', '.join(live.touched)}")
             end = End.TOUCHED
+        elif step == 0 or step % _LOOK:
+            ahead = memory
         else:
             seen = asked.seen(live.time)
-            ahead = advance(sequence, memory, seen) if step and step % _LOOK == 0 else memory
+            ahead = advance(sequence, memory, seen)
             if ahead.ended == "failed":
                 ahead = told_why(ahead, state, seen, policy.tree(target, live.world), q)
         if ahead.over is not None and memory.over is None and state.gripper is not None:

@@ -46,7 +46,9 @@ def test_every_public_name_is_in_the_reference(site):
 def test_classes_show_their_fields_and_examples_are_code(site):
     text = (site / "reference" / "leaves.html").read_text(encoding="utf-8")
     attractor = re.sub(r"<[^>]+>", "", text.split('<h2 id="jaxrmp.leaves.Attractor"')[1].split("<h2 id=")[0])
-    assert re.search(r"Attractor\(\s*goal: Finite\[Array\],\s*weight_near: NonNegative\[Array \| float\] = 10.0,", attractor)
+    assert re.search(
+        r"Attractor\(\s*goal: Finite\[Array\],\s*weight_near: NonNegative\[Array \| float\] = 10.0,", attractor
+    )
     assert "<blockquote" not in text
 
 
