@@ -5,8 +5,10 @@ from typing import Any
 import gymnasium
 import jax
 import numpy as np
+from gymnasium.utils import seeding
 from gymnasium.vector.utils import batch_space
 
+from .._errors import ShapeError
 from .._pytree import single
 from ._residual import ResidualEnvironment, check_action, reset, step, step_or_reset
 
@@ -26,8 +28,7 @@ class ResidualEnv(gymnasium.Env):
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None):
         super().reset(seed=seed)
-        key = jax.random.key(int(self.np_random.integers(2**31)))
-        self._state, seen = _reset(self._environment, key)
+        self._state, seen = _reset(self._environment, jax.random.key(_draw(self.np_random)))
         return np.asarray(seen), {}
 
     def step(self, action):
@@ -42,7 +43,11 @@ class ResidualEnv(gymnasium.Env):
 
 
 class ResidualVectorEnv(gymnasium.vector.VectorEnv):
-    """Many at once, in one compiled call; after its last step, an environment begins anew with the next."""
+    """Many at once, in one compiled call; after its last step, an environment begins anew with the next.
+
+    With a list of seeds each begins as a `ResidualEnv` with its seed does, with one seed as with that, the next, and so
+    on, as gymnasium's own have it.
+    """
 
     metadata = {"render_modes": [], "autoreset_mode": gymnasium.vector.AutoresetMode.NEXT_STEP}  # noqa: RUF012
 
@@ -54,14 +59,14 @@ class ResidualVectorEnv(gymnasium.vector.VectorEnv):
 
     def reset(self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None):
         if isinstance(seed, list):
-            drawn = np.random.default_rng().integers(2**31, size=self.num_envs)
-            keys = jax.vmap(jax.random.key)(
-                np.array([int(d if s is None else s) for s, d in zip(seed, drawn, strict=True)])
-            )
+            seeds = seed
         else:
             super().reset(seed=seed)
-            keys = jax.random.split(jax.random.key(int(self.np_random.integers(2**31))), self.num_envs)
-        self._state, seen = _reset_all(self._environment, keys)
+            seeds = [None if seed is None else seed + i for i in range(self.num_envs)]
+        if len(seeds) != self.num_envs:
+            raise ShapeError(f"seed is a list of {len(seeds)}, expected one for each of {self.num_envs} environments.")
+        drawn = [_draw(self.np_random if own is None else seeding.np_random(own)[0]) for own in seeds]
+        self._state, seen = _reset_all(self._environment, jax.vmap(jax.random.key)(np.array(drawn)))
         return np.asarray(seen), {}
 
     def step(self, actions):
@@ -75,6 +80,10 @@ class ResidualVectorEnv(gymnasium.vector.VectorEnv):
         info |= {f"_{name}": ~before for name in tuple(info)}  # of which environments it is told
         ends = np.asarray(found.terminated), np.asarray(found.truncated)
         return np.asarray(found.observation), np.asarray(found.reward, np.float64), *ends, info
+
+
+def _draw(generator: np.random.Generator) -> int:
+    return int(generator.integers(2**31))
 
 
 def _spaces(environment: ResidualEnvironment) -> tuple[gymnasium.Space, gymnasium.Space]:

@@ -31,6 +31,10 @@ def test_many_at_once_are_those_of_one_and_begin_anew_with_the_next_step(environ
     assert vector.metadata["autoreset_mode"] is gymnasium.vector.AutoresetMode.NEXT_STEP
     listed, _ = vector.reset(seed=[1, None, 1, 2])
     assert (listed[0] == listed[2]).all() and (listed[0] != listed[1]).any()
+    np.testing.assert_allclose(listed[3], env.reset(seed=2)[0], atol=1e-5)
+    np.testing.assert_allclose(again[2], env.reset(seed=5)[0], atol=1e-5)
+    with pytest.raises(ShapeError, match="list of 3, expected one for each of 4"):
+        vector.reset(seed=[1, 2, 3])
     rewards, ends = [], []
     for _ in range(environment.length + 1):
         seen, reward, terminated, truncated, info = vector.step(vector.action_space.sample() * 0)
