@@ -11,7 +11,7 @@ from .._linalg import matmul
 from ..kinematics._motion import JointAxis, move
 from ..kinematics._scalars import add, cross, mul, sub3
 from ..world import Boxes, SignedDistanceGrid
-from ..world._components import Point, components, corner_derivatives, dot, rotated, to_local
+from ..world._components import Point, components, corner_derivatives, outside_corner, rotated, to_local
 from ..world._obstacles import FAR, with_fields
 from ._grids import distance_and_slope
 from ._object_model import ObjectModel
@@ -187,11 +187,8 @@ def _to_visible_faces(shape: Boxes, p: Point, eye: Point) -> tuple[jax.Array, Po
         for face, x, h, (visible, side) in zip(faces, local, half, seen, strict=True)
     ]
     slopes, _ = corner_derivatives(faces, [jnp.zeros_like(x) for x in local])
-    positive = [jnp.where(f > 0, f, 0) for f in faces]
-    outside = jnp.sqrt(jnp.where(inside, 1, dot(*(((positive[0], positive[1], positive[2]),) * 2))))
-    d = jnp.where(inside, jnp.maximum(jnp.maximum(faces[0], faces[1]), faces[2]), outside)
     x, y, z = (s * slope for s, slope in zip(signs, slopes, strict=True))
-    return d, out_of_box(shape, (x, y, z))
+    return outside_corner(*faces), out_of_box(shape, (x, y, z))
 
 
 def _dot(u: Any, v: Any) -> Any:

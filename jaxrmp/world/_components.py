@@ -68,13 +68,13 @@ def outside_corner(*q: jax.Array) -> jax.Array:
     for x in q[1:]:
         largest = larger(largest, x)
     is_round, square = _over_edge(q)
-    return jnp.where(is_round, jnp.sqrt(jnp.where(is_round, square, 1.0)), largest)
+    return jnp.where(is_round, jnp.sqrt(_away_from_zero(square)), largest)
 
 
 def corner_derivatives(q: Sequence[jax.Array], rates: Sequence[jax.Array]) -> tuple[list[jax.Array], jax.Array]:
     """First derivatives of `outside_corner` in each q, and its second derivative along `rates`."""
     is_round, square = _over_edge(q)
-    inverse = jnp.where(is_round, jax.lax.rsqrt(jnp.where(is_round, square, 1.0)), 0)
+    inverse = jax.lax.rsqrt(_away_from_zero(square))
     slopes, found = [], jnp.zeros_like(is_round)
     for i, x in enumerate(q):
         is_largest = ~found
@@ -84,7 +84,16 @@ def corner_derivatives(q: Sequence[jax.Array], rates: Sequence[jax.Array]) -> tu
         slopes.append(jnp.where(is_round, jnp.where(x > 0, x, 0) * inverse, is_largest.astype(x.dtype)))
     along = sum(s * rate for s, rate in zip(slopes, rates, strict=True))
     moving = sum(jnp.where(x > 0, rate * rate, 0) for x, rate in zip(q, rates, strict=True))
-    return slopes, (moving - along * along) * inverse
+    return slopes, jnp.where(is_round, (moving - along * along) * inverse, 0)
+
+
+def _away_from_zero(square: jax.Array) -> jax.Array:
+    """`square`, and 1 where it is next to zero.
+
+    By its own value, and not by the choice that is made with it: in a compiled program both may be computed twice, and
+    rounded differently.
+    """
+    return jnp.where(square < AT_ZERO, 1.0, square)
 
 
 def _over_edge(q: Sequence[jax.Array]) -> tuple[jax.Array, jax.Array]:
