@@ -14,6 +14,7 @@ from .. import hardware
 from .._errors import ConfigurationError
 from ..kinematics import Robot, frame_poses
 from ..scenes import Scene
+from ._ending import heard, killed_by_signals
 
 _MOVES = 0.1  # rad/s, above which an arm's own word of its flange may be of another moment
 _SAME, _SAME_TURN = 0.005, 0.02  # m, and rad times one, by which the arm's flange may differ from the model's
@@ -21,13 +22,13 @@ _SAME, _SAME_TURN = 0.005, 0.02  # m, and rad times one, by which the arm's flan
 
 @contextlib.contextmanager
 def running_until_interrupted() -> Iterator[Callable[[], bool]]:
-    """A function that says whether to go on: not after SIGINT or SIGTERM, which stop nothing else meanwhile."""
+    """A function that says whether to go on: not after a signal that ends a command. It ends nothing else."""
     ended = [False]
 
     def end(number: int, frame: Any) -> None:
         ended[0] = True
 
-    before = {number: signal.signal(number, end) for number in (signal.SIGINT, signal.SIGTERM)}
+    before = {number: signal.signal(number, end) for number in heard()}
     try:
         yield lambda: not ended[0]
     finally:
@@ -41,9 +42,10 @@ def arm_of(arguments: argparse.Namespace, scene: Scene | None, q: np.ndarray | N
     if arguments.robot == "franka":
         if not arguments.host:
             raise ConfigurationError("--robot franka needs --host ADDRESS, such as 172.16.0.2.")
-        arm = hardware.FrankaArm(arguments.host, arguments.realtime)
-        if arguments.recover:
-            arm.recover()
+        with killed_by_signals():  # nothing moves yet, and an address at which nobody answers is tried for a minute
+            arm = hardware.FrankaArm(arguments.host, arguments.realtime)
+            if arguments.recover:
+                arm.recover()
     else:
         assert scene is not None and q is not None
         arm = hardware.MujocoArm(scene, q)

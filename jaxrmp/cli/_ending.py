@@ -1,4 +1,4 @@
-"""SIGINT and SIGTERM end a command within two seconds, whatever it is doing, and leave nothing half-written."""
+"""SIGINT, SIGTERM and SIGHUP end a command within two seconds, whatever it is doing, and leave nothing half-written."""
 
 import contextlib
 import os
@@ -13,8 +13,8 @@ from .._unfinished import forget_unfinished
 
 PATIENCE = 1.5
 """Seconds that a command has to end by itself, after a signal."""
-CODES = {signal.SIGINT: 130, signal.SIGTERM: 143}
-"""Exit codes, as shells have them."""
+CODES = {signal.SIGINT: 130, signal.SIGTERM: 143, signal.SIGHUP: 129}
+"""Signals that end a command, and exit codes, as shells have them."""
 INTERRUPTED = "jaxrmp: interrupted; no file was left half-written"
 
 
@@ -26,9 +26,14 @@ class Ended(KeyboardInterrupt):
         self.code = code
 
 
+def heard() -> list[signal.Signals]:
+    """The signals that end a command: not the end of its terminal where whoever started it had that ignored (nohup)."""
+    return [n for n in CODES if n != signal.SIGHUP or signal.getsignal(n) is not signal.SIG_IGN]
+
+
 @contextlib.contextmanager
 def ended_by_signals(codes: Mapping[signal.Signals, int] = CODES) -> Iterator[None]:
-    """Within it SIGINT and SIGTERM raise `Ended`, and end the process, with their `codes`, where that is not heard.
+    """Within it what is `heard` raises `Ended`, and ends the process, with its code of `codes`, where Python does not.
 
     Python hears a signal between two of its own steps only, and a compilation is one step that may take a minute: after
     `PATIENCE` a thread ends the process then, once unfinished files are gone. Outside of the main thread, where signals
@@ -46,7 +51,7 @@ def ended_by_signals(codes: Mapping[signal.Signals, int] = CODES) -> Iterator[No
 
     def listen() -> None:
         while (said := hears.recv(1)) and not over.is_set():
-            if said[0] not in CODES:
+            if said[0] not in before:
                 continue
             if not over.wait(PATIENCE):
                 forget_unfinished()
@@ -57,7 +62,7 @@ def ended_by_signals(codes: Mapping[signal.Signals, int] = CODES) -> Iterator[No
         if not isinstance(unraisable.exc_value, Ended):
             hook(unraisable)
 
-    before, hook = {number: signal.signal(number, stop) for number in CODES}, sys.unraisablehook
+    before, hook = {number: signal.signal(number, stop) for number in heard()}, sys.unraisablehook
     sys.unraisablehook = lost
     descriptor = signal.set_wakeup_fd(tells.fileno(), warn_on_full_buffer=False)
     listener = threading.Thread(target=listen, daemon=True)
@@ -73,6 +78,18 @@ def ended_by_signals(codes: Mapping[signal.Signals, int] = CODES) -> Iterator[No
         tells.close()
         listener.join()
         hears.close()
+
+
+@contextlib.contextmanager
+def killed_by_signals() -> Iterator[None]:
+    """Within it what is `heard` ends the process on the spot: for a call of somebody's library that lets no thread of
+    Python run, where nothing is under way that could be left half done."""
+    before = {number: signal.signal(number, signal.SIG_DFL) for number in heard()}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def end_at_once(code: int, word: str) -> NoReturn:

@@ -42,6 +42,8 @@ def run(arguments: argparse.Namespace, rest: list[str]) -> None:
     elif PARENT in os.environ:
         end_with_parent(int(os.environ[PARENT]))
     _prepare_jax(arguments)
+    if arguments.process is not None and PARENT not in os.environ:  # by hand: what is kept where it runs is its own
+        _begin(arguments, kept and _of_process(kept, arguments.process, arguments.processes), 1)
     import jax
 
     from ..evaluation import check_starts, evaluate, limit_leaf, replay, report, sample_starts, write_page
@@ -162,7 +164,7 @@ def _begin(arguments: argparse.Namespace, kept: Path | None, processes: int) -> 
     if not files:
         tell(f"--resume: nothing is kept yet in {kept}, so all begins from the start.")
         return
-    own = [kept] if processes == 1 else [Path(f"{kept}.{i}") for i in range(processes)]
+    own = [_of_process(kept, i, processes) for i in range(processes)]
     if foreign := set(files) - set(own):
         raise ConfigurationError(
             f"--resume: {', '.join(sorted(map(str, foreign)))} is of another number of --processes: give the same one."
@@ -180,6 +182,11 @@ def _kept_told(kept: Path | None) -> Iterator[None]:
         else:
             tell("nothing has ended that is kept" + (": --resume would begin anew." if kept else ", without --json."))
         raise
+
+
+def _of_process(kept: Path, process: int, processes: int) -> Path:
+    """The file of one of several processes, as `evaluate` names it."""
+    return kept if processes == 1 else Path(f"{kept}.{process}")
 
 
 def _kept_files(kept: Path | None) -> list[Path]:

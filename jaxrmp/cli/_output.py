@@ -48,6 +48,12 @@ def tell(message: str) -> None:
         print(f"jaxrmp: {message}", file=sys.stderr, flush=True)
 
 
+def clearance_in_words(trial: Mapping[str, Any], unit: str = "") -> str:
+    """The least clearance of a trial, mm, or that there was nothing to check."""
+    least = trial["min_clearance_m"]
+    return f"{1000 * least:.1f}{unit}" if math.isfinite(least) else "not checked"
+
+
 def write_json(content: Any, path: Path) -> None:
     """Write `content` as indented JSON, whole or not at all; a number that is not finite becomes null."""
     text = json.dumps(_without_nan(content), indent=1, allow_nan=False)

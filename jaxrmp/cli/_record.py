@@ -16,7 +16,6 @@ from ..kinematics import Robot, load_robot, panda
 from ._arms import arm_of, check_model, check_writable, running_until_interrupted, sightings_of, write_log
 from ._output import tell
 
-_waiting: list[str | None] = []  # lines of stdin that came at once
 _LEAST = 0.02  # rad, below which nothing moved
 
 
@@ -48,10 +47,11 @@ def _record_all(
         return
     said = "Enter begins a demonstration, Enter again ends it; q and Enter, or Ctrl-C, ends the command."
     print(said, flush=True)
-    while (line := _line(arm, running)) is not None and line != "q":
+    lines = _Lines()
+    while (line := lines.next(arm, running)) is not None and line != "q":
         print("recording ...", flush=True)
-        _keep(arguments, arm, robot, sightings, lambda: running() and not _ready())
-        if not running() or _line(arm, running) == "q":
+        _keep(arguments, arm, robot, sightings, lambda: running() and not lines.ready())
+        if not running() or lines.next(arm, running) == "q":
             return
 
 
@@ -71,19 +71,24 @@ def _keep(arguments: argparse.Namespace, arm: Any, robot: Robot, sightings: Any,
     return True
 
 
-def _ready() -> bool:
-    """Whether a line waits on stdin, or its end."""
-    return bool(_waiting) or bool(select.select([sys.stdin], [], [], 0.0)[0])
+class _Lines:
+    """Lines of standard input, for which nothing waits."""
 
+    def __init__(self) -> None:
+        self._came: list[str | None] = []  # several at once, perhaps; None for the end
 
-def _line(arm: Any, running: Callable[[], bool]) -> str | None:
-    """The next line of stdin; None at its end or when interrupted. The arm is read meanwhile, as its network asks."""
-    while running():
-        if _ready():
-            if not _waiting:  # unbuffered, since what is read ahead cannot be waited for
-                content = os.read(sys.stdin.fileno(), 65_536).decode(errors="replace")
-                _waiting.extend(content.splitlines() or [None])
-            line = _waiting.pop(0)
-            return line if line is None else line.strip()
-        arm.read()
-    return None
+    def ready(self) -> bool:
+        """Whether a line waits, or the end."""
+        return bool(self._came) or bool(select.select([sys.stdin], [], [], 0.0)[0])
+
+    def next(self, arm: Any, running: Callable[[], bool]) -> str | None:
+        """The next line; None at the end or when interrupted. The arm is read meanwhile, as its network asks."""
+        while running():
+            if self.ready():
+                if not self._came:  # unbuffered, since what is read ahead cannot be waited for
+                    content = os.read(sys.stdin.fileno(), 65_536).decode(errors="replace")
+                    self._came.extend(content.splitlines() or [None])
+                line = self._came.pop(0)
+                return line if line is None else line.strip()
+            arm.read()
+        return None

@@ -2,7 +2,7 @@
 
 import argparse
 import contextlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -20,7 +20,7 @@ from ..scenes import Scene
 from ._camera import camera_report, camera_spheres, check_camera, noise_of, scene_camera
 from ._camera_words import seen_in_words
 from ._optional import can_draw, require
-from ._output import aligned, made_by, progress_bar, tell, write_json
+from ._output import aligned, clearance_in_words, made_by, progress_bar, tell, write_json
 from ._report_pages import FIGURES, pictures_in, run_page
 from ._run_sequence import run_sequence
 from ._sources import demonstrations_of, scene_of
@@ -200,12 +200,6 @@ def report_dict(result: simulation.Run, first: int = 0, paths: Paths | None = No
     ]
     counts = {"trials": len(result.outcomes), "successes": result.successes, "trials_compared": len(compared)}
     return {"scene": result.scene.name, **counts, "path": mean if compared else None, "per_trial": per_trial}
-
-
-def clearance_in_words(trial: Mapping[str, Any]) -> str:
-    """The least clearance of a trial, mm, or that there was nothing to check."""
-    least = trial["min_clearance_m"]
-    return f"{1000 * least:.1f}" if np.isfinite(least) else "not checked"
 
 
 def outcome_table(report: dict[str, Any]) -> str:

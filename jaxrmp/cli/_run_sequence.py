@@ -9,7 +9,7 @@ from .. import learning, sequences, simulation, visualization
 from .._errors import ConfigurationError, RolloutError
 from ..scenes import Scene, scene
 from ._camera import noise_of
-from ._output import aligned, progress_bar, tell, write_json
+from ._output import aligned, clearance_in_words, progress_bar, tell, write_json
 from ._sources import demonstrations_of
 
 _OF_SKILLS = ("detour", "learned_rate", "figures", "html", "camera", "camera_distance", "camera_at")
@@ -120,6 +120,8 @@ def sequence_table(report: dict[str, Any]) -> str:
             row = [str(trial["trial"]), state["state"], state["end"], f"{state['seconds']:.2f}", *cells]
             rows.append([*row, f"voided by {voided}{told}"])
         verdict = f", the scene says: {trial['scene']}" if trial["scene"] else ""
-        notes.append(f"trial {trial['trial']}: {trial['reason']} after {trial['time_s']:.1f} s{verdict}")
+        ended = f"{trial['reason']} after {trial['time_s']:.1f} s"
+        clearance = f"least clearance {clearance_in_words(trial, ' mm')}"
+        notes.append(f"trial {trial['trial']}: {ended}, {clearance}{verdict}")
     lines = aligned([*head, "certificate"], rows, of_words=1)
     return "\n".join([*lines, *notes, f"{report['successes']} of {report['trials']} came through"])

@@ -18,6 +18,7 @@ import pytest
 from jaxrmp import ConfigurationError, learning
 from jaxrmp._files import atomic_write
 from jaxrmp.cli import main
+from jaxrmp.cli._ending import Ended, ended_by_signals
 from jaxrmp.evaluation import _finished, evaluate, limit_leaf, sample_starts, skill_problem
 from jaxrmp.kinematics import panda
 from jaxrmp.simulation import KinematicEngine, StopCriteria
@@ -49,7 +50,7 @@ def started(*arguments: str, until: str, cache: str = "", **variables: str) -> s
     pytest.fail(f"{arguments} never said {until!r}: {''.join(said)}")
 
 
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 143), (signal.SIGINT, 130), (signal.SIGHUP, 129)])
 def test_a_signal_ends_rollouts_and_what_has_ended_is_kept(skill_file, tmp_path, number, code):
     report = tmp_path / "report.json"
     process = started("evaluate", skill_file, *LONG, "--json", str(report), until=" ended, ")
@@ -60,6 +61,18 @@ def test_a_signal_ends_rollouts_and_what_has_ended_is_kept(skill_file, tmp_path,
     assert [file.name for file in tmp_path.iterdir()] == ["report.finished.npz"]
     with np.load(tmp_path / "report.finished.npz") as kept:
         assert 0 < kept["done"].sum() < 100000
+
+
+def test_a_terminal_that_closes_ends_nothing_that_was_told_not_to_mind():
+    """As `nohup` tells."""
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        with ended_by_signals():
+            assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+            with pytest.raises(Ended):
+                signal.raise_signal(signal.SIGTERM)
+    finally:
+        signal.signal(signal.SIGHUP, before)
 
 
 def test_a_signal_ends_a_step_that_does_not_hear_it(tmp_path):
@@ -225,6 +238,20 @@ def test_resume_asks_for_what_it_needs(skill_file, tmp_path, capsys):
     assert "nothing is kept yet in" in capsys.readouterr().err and report.exists()
 
 
+def test_a_process_started_by_hand_goes_on_only_when_asked(skill_file, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("jaxrmp.evaluation.join_processes", lambda *_: None)  # this process is one already
+    report, kept = tmp_path / "r.json", tmp_path / "r.finished.npz"
+    kept.write_bytes(b"of another evaluation")
+    quick = ["--starts", "16", "--batch", "16", "--duration", "0.1", "--dt", "0.01", "--json", str(report)]
+    command = ["evaluate", skill_file, *quick, "--process", "0"]
+    assert main(command) == 1 and kept.exists()  # it lacks a coordinator
+    command += ["--coordinator", "127.0.0.1:1"]
+    assert main([*command, "--resume"]) == 1 and kept.exists()
+    assert "remove it" in capsys.readouterr().err
+    assert main(command) == 0
+    assert "removed, as without --resume" in capsys.readouterr().err and not kept.exists()
+
+
 WRITES = [
     ["demonstrate", "drawer_closing", "OUT", "--count", "2"],
     ["export", "SKILL", "--c", "OUT"],
@@ -263,7 +290,7 @@ def test_signals_are_as_before_once_a_command_is_over(tmp_path):
     assert main(["check", CONFIG, "--quiet"]) in (0, 1)
     assert [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)] == before
     assert signal.set_wakeup_fd(-1) == -1
-    assert not [thread for thread in threading.enumerate() if thread.name == "listen"]
+    assert not [thread for thread in threading.enumerate() if "listen" in thread.name]
 
 
 @pytest.mark.parametrize("option", ["--json", "--html", "--save"])

@@ -259,6 +259,17 @@ def test_an_interrupt_brakes_and_keeps_the_log(franky, drawer, tmp_path):
     stopped_properly(tmp_path / "drives" / "demo_0.npz")
 
 
+def test_an_address_at_which_nobody_answers_can_be_given_up(tmp_path):
+    with socket.create_server(("127.0.0.1", 1337)):  # the port of the interface; it says nothing
+        command = ["record", "--robot", "franka", "--host", "127.0.0.1", "--realtime", "ignore"]
+        command += ["--model", "panda", "--seconds", "1", "--out", str(tmp_path / "out")]
+        process = subprocess.Popen([sys.executable, "-m", "jaxrmp", *command])
+        time.sleep(8.0)  # by then it waits
+        assert process.poll() is None
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(timeout=20) == -signal.SIGTERM
+
+
 def test_a_tracker_that_goes_silent_ends_it_with_a_reason(franky, tmp_path, drawer):
     T = np.asarray(learning.load_skill(drawer).T_world_object, float).tolist()
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:

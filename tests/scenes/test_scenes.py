@@ -73,7 +73,7 @@ def test_synthetic_demonstrations_fit_the_furniture(name):
 def test_with_nothing_to_keep_off_no_clearance_is_claimed():
     alone = scenes.arm_alone()
     assert not alone.keeps_off and alone.clearance(alone.data(HOME)) == np.inf
-    from jaxrmp.cli._run import clearance_in_words
+    from jaxrmp.cli._output import clearance_in_words
 
     assert clearance_in_words({"min_clearance_m": np.inf}) == "not checked"
     assert clearance_in_words({"min_clearance_m": 0.0123}) == "12.3"

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from jaxrmp import ConfigurationError, RigidTransformError
+from jaxrmp.cli._run_sequence import sequence_report, sequence_table
 from jaxrmp.kinematics import forward_kinematics
 from jaxrmp.sequences import After, Arrived, GripperMove, Sequence, roll_sequence, run_sequence
 from jaxrmp.sequences._report import Energy
@@ -58,6 +59,9 @@ def test_a_puck_is_gripped_and_carried_in_one_simulation(reaching, table):
     assert trace.time[-1] == pytest.approx(outcome.time_s, abs=0.03)
     assert np.abs(np.diff(trace.q, axis=0)).max() < 0.2  # no reset on the way
     assert [state.gripper for state in outcome.states] == ["close", None]
+    said = sequence_table(sequence_report(run)).splitlines()
+    assert [line.split()[:3] for line in said[1:3]] == [["0", "grasp", "arrived"], ["0", "carry", "arrived"]]
+    assert said[3].startswith("trial 0: ") and said[3].endswith(" s, least clearance not checked")
 
 
 def test_fingers_that_a_scene_holds_are_told_of_and_a_width_too_wide_is_refused(reaching, table):
