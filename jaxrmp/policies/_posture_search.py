@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._errors import ShapeError
+from .._errors import ConfigurationError, ShapeError
 from .._linalg import cholesky_solve, einsum, matmul
 from ..kinematics import Robot, frame_poses
 from ..world import ObstacleDistances, RobotSpheres, SelfDistances, World, own_self_pairs
@@ -54,7 +54,8 @@ def find_posture(
     `spheres` that cover the robot, not to touch each other and the obstacles of `world`; `pairs` of them that must not
     touch, by default `own_self_pairs`; `turned`, False where the turn of the hands is free.
     **Returns** a `FoundPosture`; whether it is at the goal, its errors say.
-    **Raises** `UnknownNameError` for frames that are not there, `ShapeError` for other shapes.
+    **Raises** `UnknownNameError` for frames that are not there, `ShapeError` for other shapes,
+    `ConfigurationError` for numbers that make no sense.
     """
     hands = (hands,) if isinstance(hands, str) else tuple(hands)
     shape, rest = np.shape(T_world_goal), robot.middle if rest is None else rest
@@ -64,6 +65,8 @@ def find_posture(
             f"T_world_goal and rest have shapes {shape} and {np.shape(rest)}, expected a pose [4, 4] of each of "
             f"{len(hands)} hands and ({robot.num_joints},)."
         )
+    if starts < 1 or iterations < 0:
+        raise ConfigurationError(f"starts is {starts} and iterations {iterations}, expected 1 or more, and 0 or more.")
     goals = jnp.reshape(jnp.asarray(T_world_goal), (-1, 4, 4))
     rest = jnp.asarray(rest, goals.dtype)
     lower, upper = _inner_limits(robot, rest)

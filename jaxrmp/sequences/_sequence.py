@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from .._errors import ConfigurationError, UnknownNameError
+from .._errors import ConfigurationError, ShapeError, UnknownNameError
 from .._pytree import pytree, static
 from .._task_map import check_rigid
 from ..scenes._gripper import Width, check_width
@@ -66,7 +66,7 @@ class State:
     frame of what it is `relative_to`: the "object" of the scene, wherever that is, or the "world".
 
     **Raises** `ConfigurationError` for numbers that make no sense, or an arrival without an aim;
-    `UnknownNameError` for another `relative_to`; `RigidTransformError`.
+    `UnknownNameError` for another `relative_to`; `RigidTransformError`, `ShapeError` for what is no pose.
     """
 
     name: str
@@ -80,7 +80,10 @@ class State:
 
     def __post_init__(self):
         UnknownNameError.check(f"relative_to of state {self.name!r}", self.relative_to, RELATIVE_TO)
-        check_rigid(self.T_target)
+        if check_rigid(self.T_target, f"T_target of state {self.name!r}").shape != (4, 4):
+            raise ShapeError(
+                f"T_target of state {self.name!r} has shape {np.shape(self.T_target)}, expected (4, 4): one target."
+            )
         numbers = {key: value for key, value in self.guard._asdict().items() if key != "otherwise"}
         if self.gripper is not None:
             check_width(self.gripper.width)

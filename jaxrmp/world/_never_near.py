@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from .._errors import ConfigurationError
 from ..kinematics import Robot
 from ._mostly_touching import centers, random_configurations
 from ._robot_spheres import RobotSpheres
@@ -16,7 +17,10 @@ def without_never_near(
     configurations of the `robot`, drawn evenly between the joints' limits.
 
     It is no proof. So `within` is to be well above where what keeps them apart is felt: twice its `reach`.
+    **Raises** `ConfigurationError` for a `within` that is no distance.
     """
+    if not within >= 0:
+        raise ConfigurationError(f"within is {within!r}, expected a distance of 0 m or more.")
     if not pairs:
         return ()
     ends, radii = np.array(pairs), np.asarray(spheres.radii, float)

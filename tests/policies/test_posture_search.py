@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxrmp import ShapeError, UnsafeFileWarning, uncertified_leaves
+from jaxrmp import ConfigurationError, ShapeError, UnsafeFileWarning, uncertified_leaves
 from jaxrmp.kinematics import forward_kinematics, load_robot_from_string, panda
 from jaxrmp.policies import find_posture, guided, reaching_policy
 from jaxrmp.simulation import rollout
@@ -79,6 +79,8 @@ def test_an_arm_of_few_joints_is_asked_for_positions_and_two_hands_for_a_pose_ea
     assert jax.jit(lambda T: find_posture(arm, frames, T))(both).position_error < 1e-3
     with pytest.raises(ShapeError, match="each of 2 hands"):
         find_posture(arm, frames, asked[0])
+    with pytest.raises(ConfigurationError, match="starts is 0"):
+        find_posture(arm, HAND, asked[0], starts=0)
     with pytest.raises(ShapeError, match=r"\(3, 4\)"):
         find_posture(arm, HAND, asked[0, :3])
     with pytest.raises(ShapeError, match=r"expected \(7,\)"):

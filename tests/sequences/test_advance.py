@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jaxrmp import ConfigurationError, UnknownNameError
+from jaxrmp import ConfigurationError, ShapeError, UnknownNameError
 from jaxrmp.sequences import (
     END,
     After,
@@ -82,6 +82,7 @@ def test_round_and_round_ends_at_the_limit():
         (lambda: state(guard=GUARD._replace(position=0.0)), ConfigurationError, "position is 0.0"),
         (lambda: state(gripper=GripperMove("shut")), ConfigurationError, "gripper is 'shut'"),
         (lambda: state(relative_to="hand"), UnknownNameError, "relative_to"),
+        (lambda: state(T_target=np.tile(np.eye(4), (3, 1, 1))), ShapeError, r"'a' has shape \(3, 4, 4\)"),
         (lambda: State("a", None, GUARD), ConfigurationError, "has no aim"),
     ],
 )

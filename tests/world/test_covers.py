@@ -276,6 +276,8 @@ def test_pairs_that_are_left_out_as_never_near_are_not():
     assert gaps.min() > 0.06  # beyond where self avoidance is felt
     always = SelfDistances(spheres.points(robot), kept, spheres.radii)
     assert jax.jit(jax.vmap(always))(q.astype(np.float32)).min(0).max() < 0.2
+    with pytest.raises(ConfigurationError, match="within is nan"):
+        without_never_near(robot, spheres, pairs, within=float("nan"))
 
 
 def test_advice_on_a_cover_names_the_file_that_was_given_and_ends(tmp_path):
