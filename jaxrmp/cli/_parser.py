@@ -7,7 +7,7 @@ from typing import Any
 from .. import __version__
 from ..scenes import SCENES
 
-EXIT_CODES = "exit codes: 0 done, 1 error (explained), 2 wrong usage, 129, 130, 143 interrupted"
+EXIT_CODES = "exit codes: 0 done, 1 error (explained), 2 wrong usage; ended: 129, 130, 143"
 TASKS = ("drawer_closing", "door_reaching")
 _SCENE = f"{', '.join(SCENES)}, or your own: FILE.py or FILE.py:FUNCTION"
 _DEMOS = "demonstrations, a folder or a file, or synthetic:TASK; default "

@@ -40,7 +40,9 @@ def started(*arguments: str, until: str, cache: str = "", **variables: str) -> s
     cache = cache or str(jax.config.jax_compilation_cache_dir or "")
     environment = {**os.environ, "PYTHONUNBUFFERED": "1", "JAX_COMPILATION_CACHE_DIR": cache, **variables}
     command = [sys.executable, "-m", "jaxrmp", *arguments]
+    before = signal.signal(signal.SIGHUP, signal.SIG_DFL)  # that it be heard, whatever these tests were started by
     process = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment)
+    signal.signal(signal.SIGHUP, before)
     assert process.stderr is not None
     said = []
     for line in process.stderr:
