@@ -39,7 +39,7 @@ if not DISPLAY and ctypes.util.find_library("OSMesa"):
 
 CONFIGS = Path(__file__).parents[1] / "configs"
 MOST_MB = 2500  # that a worker may ever hold
-FULL_MB = 900  # above this, compiled programs are let go before their file ends
+FULL_MB, MORE_MB = 900, 500  # above this, and that over what could not be let go, what can is let go before a file ends
 LESS = {"method": "paper", "metric.updates": 100, "potential.widths": [0.05], "potential.basin_starts": 100}
 FEW = [word for name, value in LESS.items() for word in (f"--{name}", str(value))]
 
@@ -233,16 +233,21 @@ def trim() -> None:
         ctypes.CDLL(None).malloc_trim(0)
 
 
+_held_on_to = [0]  # MB, after what could go was let go for the last time
+
+
 @pytest.hookimpl(trylast=True)
 def pytest_runtest_teardown(item, nextitem):
-    """JAX never lets a compiled program go by itself: what a file compiled goes with it, or earlier if it is much."""
-    over = nextitem is None or nextitem.path != item.path
-    if not over and held_mb() > FULL_MB:
-        trim()
-        over = held_mb() > FULL_MB
-    if over:
+    """JAX never lets a compiled program go by itself: what a file compiled goes with it, or earlier if it is much.
+
+    To look for what is dead takes a second or two where much is alive, so that is done when it may be worth it.
+    """
+    full = held_mb() > max(FULL_MB, _held_on_to[0] + MORE_MB)
+    if full or nextitem is None or nextitem.path != item.path:
         jax.clear_caches()
+    if full:
         trim()
+        _held_on_to[0] = held_mb()
 
 
 def pytest_sessionfinish(session):
